@@ -15,11 +15,7 @@ from .errors import AacmmError
 from .measurements.records import Measurements
 from .measurements.simulation import simulate_measurements
 from .planning import CalibrationPlan, MeasurementPlan, plan_calibration, plan_measurements
-from .postures.configurations import (
-    ConfigurationCircle,
-    configuration_circle,
-    configuration_circles,
-)
+from .postures.configurations import ConfigurationCircle, configuration_circle
 from .postures.curve_sampling import Flexibility
 from .postures.general_ik import ReachingPostures, reaching_postures
 from .report.verdicts import next_measurements
@@ -60,7 +56,6 @@ __all__ = [
     "circle_accuracy",
     "comprehensive_accuracy",
     "configuration_circle",
-    "configuration_circles",
     "configuration_weights",
     "diagnose",
     "diagnose_files",

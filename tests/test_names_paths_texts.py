@@ -53,7 +53,7 @@ def volumes(model: Any) -> Any:
 
 
 def between(model: Any) -> Any:
-    ends = aacmm_pin.configuration_circles("sino6", [POINT, POINT + 0.1], count=6)
+    ends = [aacmm_pin.configuration_circle("sino6", at, count=6) for at in (POINT, POINT + 0.1)]
     return length_uncertainty_between(*ends, model).u
 
 

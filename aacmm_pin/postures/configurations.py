@@ -6,15 +6,14 @@ the stylus along an axis. Unlike the closed forms of the paper, this holds for c
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from aacmm_pin._support.angles import wrapped
-from aacmm_pin._support.checks import Array, Mask, batch, unit_vector, vector, whole
+from aacmm_pin._support.checks import Array, Mask, unit_vector, vector, whole
 from aacmm_pin._support.display import report
 from aacmm_pin._support.notes import Note
 from aacmm_pin._support.plausible import COORDINATE
@@ -36,6 +35,7 @@ from aacmm_pin.postures.postures_at_point import (
     missing_notes,
     open_curve_notes,
 )
+from aacmm_pin.postures.solution_curves import Curves
 from aacmm_pin.postures.tip_ik import tip_curves
 from aacmm_pin.postures.wrist_ik import (
     FEW_PER_TURN,
@@ -65,11 +65,6 @@ class ConfigurationCircle(PosturesAtPoint):
     """
 
     components: Components
-
-    @property
-    def theta3(self) -> Array:
-        """The angle of joint 3, ``(n,)`` [rad], in [-π, π)."""
-        return wrapped(self.q[:, 2])
 
     @cached_property
     def branch(self) -> NDArray[np.intp]:
@@ -114,13 +109,6 @@ class ConfigurationCircle(PosturesAtPoint):
         drawn: Axes3D = report().plots.plot_circle(self, accuracy, postures, ax)
         return drawn
 
-    def _row(self, number: int) -> dict[str, Any]:
-        row = super()._row(number)
-        branches = self.branch[self.component == number]
-        joints = row.pop("joints_outside_limits")
-        sides = {"shoulder_side": _sides(branches[:, 0]), "elbow_side": _sides(branches[:, 1])}
-        return row | sides | {"joints_outside_limits": joints}
-
     def __str__(self) -> str:
         where = self._where()
         if self.reason:
@@ -164,61 +152,56 @@ def configuration_circle(
         UnsupportedArmError: no DH table with the required joints, or joint 5 moves the wrist; see
             :meth:`aacmm_pin.postures.wrist_ik.Wrist.of_arm`.
     """
-    points = vector(point, 3, "point", "m")[None, :]
-    (circle,) = configuration_circles(arm, points, tip=tip, axis=axis, rest=rest, count=count)
-    return circle
-
-
-def configuration_circles(
-    arm: GivenArm,
-    points: ArrayLike,
-    *,
-    tip: bool = False,
-    axis: ArrayLike | None = None,
-    rest: ArrayLike | None = None,
-    count: int = 360,
-) -> list[ConfigurationCircle]:
-    """Compute the configuration circles at ``points`` ``(m, 3)`` [m], together in much less time.
-
-    See :func:`configuration_circle`.
-    """
     arm = as_arm(arm)
-    dh = arm.require_dh("a configuration circle", WRIST_ROW + tip, revolute=True)
-    points = batch(points, 3, "points", "m")
-    COORDINATE.check(points, "points")
+    purpose = "a configuration circle"
+    arm.require_dh(purpose, WRIST_ROW + tip, revolute=True)
+    place = vector(point, 3, "point", "m")
+    COORDINATE.check(place, "point")
     count = whole(count, 3, "count")
-    if tip:
-        if rest is not None:
-            raise AacmmError("rest cannot be combined with tip=True")
-        if axis is None:
-            raise AacmmError(
-                "axis is missing; expected the direction of the stylus in the base with tip=True, "
-                "such as axis=[0, 0, -1]"
-            )
-        wrist = None
-        stylus, direction = directed_stylus(arm, axis)
-        curves = tip_curves(dh, points, stylus, direction)
-    else:
-        if axis is not None:
-            raise AacmmError("axis requires tip=True")
-        wrist = Wrist.of_arm(arm, "a configuration circle", rest)
-        curves = wrist_curves(wrist, points, SEEDS_PER_TURN)
-    swivel = Swivel(dh, arm.up)
-    circles = []
-    for number, point in enumerate(points):
-        equations = replace(curves.equations, goals=curves.equations.goals[[number]])
-        at_point = [replace(curve, problem=0) for curve in curves.curves if curve.problem == number]
-        components = Components(swivel, equations, point[None, :], at_point, wrist)
-        notes = open_curve_notes(at_point) + [Note("arm_degenerate")] * curves.degenerate
-        notes += wrist.notes if wrist is not None and rest is None else []
-        if number in curves.families:
-            posture = in_degrees(components.full(curves.families[number][None, :])[0])
-            notes.append(Note("singular_unlisted", {"posture": posture}))
-        if number in curves.unfinished:
-            notes.append(Note("search_ended"))
-        at = arm.tip if tip else WRIST
-        circles.append(_sampled(arm, point, at, components, count, tuple(notes)))
-    return circles
+    if tip and rest is not None:
+        raise AacmmError("rest cannot be combined with tip=True")
+    if tip and axis is None:
+        raise AacmmError(
+            "axis is missing; expected the direction of the stylus in the base with tip=True, such "
+            "as axis=[0, 0, -1]"
+        )
+    if axis is not None and not tip:
+        raise AacmmError("axis requires tip=True")
+    curves, components = _curves(arm, place[None], purpose, SEEDS_PER_TURN, axis, rest)
+    wrist = components.wrist
+    notes = open_curve_notes(curves.curves) + [Note("arm_degenerate")] * curves.degenerate
+    notes += wrist.notes if wrist is not None and rest is None else []
+    for family in curves.families.values():
+        posture = in_degrees(components.full(family[None, :])[0])
+        notes.append(Note("singular_unlisted", {"posture": posture}))
+    notes += [Note("search_ended")] * len(curves.unfinished)
+    q = np.empty((0, arm.nq))
+    component = np.empty(0, dtype=np.intp)
+    if curves.curves:
+        moving_q, component, missing = evenly(
+            curves.equations,
+            curves.curves,
+            count,
+            lambda q: components.swivel.elbow(components.full(q)),
+        )
+        q = into_limits(components.full(moving_q), arm.limits)
+        notes += missing_notes(missing)
+    reason = ""
+    if not len(q):
+        reason = "; ".join(map(str, notes)) or _why_not(components, place)
+    return ConfigurationCircle(
+        arm=arm,
+        point=place,
+        at=arm.tip if tip else WRIST,
+        q=q,
+        component=component + 1,
+        swivel=components.swivel.angle(q, place),
+        broken=outside_limits(q, arm.limits),
+        components=components,
+        reason=reason,
+        notes=tuple(notes),
+        complete=not notes,
+    )
 
 
 def directed_stylus(arm: Arm, axis: ArrayLike) -> tuple[Array, Array]:
@@ -241,38 +224,6 @@ def directed_stylus(arm: Arm, axis: ArrayLike) -> tuple[Array, Array]:
     return arm.stylus_axis, unit_vector(axis, "axis")
 
 
-def _sampled(
-    arm: Arm, point: Array, at: str, components: Components, count: int, notes: tuple[Note, ...]
-) -> ConfigurationCircle:
-    q = np.empty((0, arm.nq))
-    component = np.empty(0, dtype=np.intp)
-    if components.curves:
-        moving_q, component, missing = evenly(
-            components.equations,
-            components.curves,
-            count,
-            lambda q: components.swivel.elbow(components.full(q)),
-        )
-        q = into_limits(components.full(moving_q), arm.limits)
-        notes += tuple(missing_notes(missing))
-    reason = ""
-    if not len(q):
-        reason = "; ".join(map(str, notes)) or _why_not(components, point)
-    return ConfigurationCircle(
-        arm=arm,
-        point=point,
-        at=at,
-        q=q,
-        component=component + 1,
-        swivel=components.swivel.angle(q, point),
-        broken=outside_limits(q, arm.limits),
-        components=components,
-        reason=reason,
-        notes=notes,
-        complete=not notes,
-    )
-
-
 def _why_not(components: Components, point: Array) -> str:
     shoulder = components.swivel.shoulder
     data = {"distance": float(np.linalg.norm(point - shoulder))}
@@ -280,10 +231,6 @@ def _why_not(components: Components, point: Array) -> str:
         return str(Note("stylus_axis_unreachable", data))
     data["nearest"], data["farthest"] = reach_of_wrist(components.wrist, shoulder)
     return str(Note("wrist_out_of_reach", data))
-
-
-def _sides(signs: NDArray[np.intp]) -> str:
-    return " ".join(f"{sign:+d}" for sign in np.unique(signs))
 
 
 class Reach(NamedTuple):
@@ -311,16 +258,7 @@ def reach_of_points(
     Raises:
         UnsupportedArmError: no DH table with the required joints.
     """
-    dh = arm.require_dh(purpose, revolute=True)
-    swivel = Swivel(dh, arm.up)
-    if axis is None:
-        wrist = Wrist.of_arm(arm, purpose)
-        curves = wrist_curves(wrist, points, FEW_PER_TURN)
-    else:
-        wrist = None
-        stylus, direction = directed_stylus(arm, axis)
-        curves = tip_curves(dh, points, stylus, direction)
-    components = Components(swivel, curves.equations, points, curves.curves, wrist)
+    curves, components = _curves(arm, points, purpose, FEW_PER_TURN, axis)
     with_curves = [curve.problem for curve in curves.curves]
     open_curves = [curve.problem for curve in curves.curves if not curve.closed]
     reachable = np.zeros(len(points), dtype=bool)
@@ -329,3 +267,23 @@ def reach_of_points(
     complete[[*open_curves, *curves.families, *curves.unfinished]] = False
     sector_states = Sectors.of(components, arm.limits, sectors)
     return Reach(sector_states, arc_fractions(components, arm.limits), reachable, complete)
+
+
+def _curves(
+    arm: Arm,
+    points: Array,
+    purpose: str,
+    per_turn: int,
+    axis: ArrayLike | None,
+    rest: ArrayLike | None = None,
+) -> tuple[Curves, Components]:
+    """Curves of the wrist with the other joints at ``rest``, or of the tip along ``axis``."""
+    dh = arm.require_dh(purpose, revolute=True)
+    wrist = None
+    if axis is None:
+        wrist = Wrist.of_arm(arm, purpose, rest)
+        curves = wrist_curves(wrist, points, per_turn)
+    else:
+        curves = tip_curves(dh, points, *directed_stylus(arm, axis))
+    swivel = Swivel(dh, arm.up)
+    return curves, Components(swivel, curves.equations, points, curves.curves, wrist)

@@ -7,7 +7,6 @@ the self-motion. Point: 3 conditions; point and axis: 5; pose: 6.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,7 +15,6 @@ from aacmm_pin._support.angles import wrapped
 from aacmm_pin._support.checks import Array, unit_vector, vector, whole
 from aacmm_pin._support.notes import Note
 from aacmm_pin._support.plausible import COORDINATE
-from aacmm_pin._support.units import DEG
 from aacmm_pin.arm import Arm, GivenArm, as_arm, inside_part, into_limits, outside_limits
 from aacmm_pin.errors import AacmmError, ShapeError, UnsupportedArmError
 from aacmm_pin.postures.curve_sampling import Flexibility, evenly
@@ -101,15 +99,6 @@ class ReachingPostures(PosturesAtPoint):
         q = self.q[self.component == number]
         is_closed = not self.single and self.curves[number - 1].closed
         return wrapped(np.diff(q, axis=0, append=q[: int(is_closed)]))
-
-    def _row(self, number: int) -> dict[str, Any]:
-        arrivals = {"arrivals": self.search.hits[number - 1]}
-        if self.single:
-            (posture,) = self.q[self.component == number]
-            angles = " ".join(f"{angle:.2f}" for angle in posture / DEG)
-            return super()._row(number) | {"theta_deg": angles} | arrivals
-        travel = float(np.linalg.norm(self._steps(number), axis=1).sum())
-        return super()._row(number) | {"travel_rad": travel} | arrivals
 
     def __str__(self) -> str:
         where = f"{self._where()} for {CONDITIONS[self.conditions.count]}"
@@ -238,41 +227,24 @@ def _conditions(
         orientation = None if rotation is None else _rotation(rotation)
         conditions = PoseConditions(arm.chain, point, rotation=orientation)
     if conditions.free not in (0, 1):
-        raise UnsupportedArmError(_what_fits(arm, conditions))
-    return conditions
-
-
-def _what_fits(arm: Arm, conditions: PoseConditions) -> str:
-    joints = arm.nq
-    free = conditions.free
-    asked = CONDITIONS[conditions.count]
-    fitting = [
-        f"{words} ({'single postures' if n == joints else 'closed curves'})"
-        for n, words in CONDITIONS.items()
-        if joints - n in (0, 1)
-    ]
-    expected = f"expected {' or '.join(fitting)}" if fitting else "expected 3 to 7 joints"
-    if free < 0:
-        return (
-            f"{arm.name}: {joints} joints cannot meet the {conditions.count} conditions of "
-            f"{asked}; {expected}"
+        fitting = (f"{n} or {n + 1} for {words}" for n, words in CONDITIONS.items())
+        raise UnsupportedArmError(
+            f"{arm.name}: {arm.nq} joints at {CONDITIONS[conditions.count]}; expected "
+            f"{', '.join(fitting)}"
         )
-    return f"{arm.name}: {joints} joints at {asked} leave {free} degrees of freedom; {expected}"
+    return conditions
 
 
 def _rotation(values: ArrayLike) -> Array:
     """The exact rotation closest to a matrix that is nearly one."""
-    matrix = np.asarray(values)
-    if matrix.shape != (3, 3):
-        raise ShapeError(f"rotation has shape {matrix.shape}; expected (3, 3)")
-    matrix = vector(matrix.ravel(), 9, "rotation", "1").reshape(3, 3)
-    deviation = float(np.abs(matrix.T @ matrix - np.eye(3)).max())
+    matrix = vector(np.ravel(values), 9, "rotation", "1").reshape(3, 3)
+    u, singular_values, v_transposed = np.linalg.svd(matrix)
+    deviation = float(np.abs(singular_values - 1.0).max())
     if deviation > ORTHONORMAL or np.linalg.det(matrix) < 0:
-        what = "the matrix is a reflection"
-        if deviation > ORTHONORMAL:
-            what = f"a deviation of {deviation:.1e} from orthonormal"
-        raise ShapeError(f"rotation: {what}; expected a right-handed orthonormal matrix")
-    u, _, v_transposed = np.linalg.svd(matrix)
+        raise ShapeError(
+            f"rotation: determinant {np.linalg.det(matrix):.6g} and a deviation of {deviation:.1e} "
+            "from orthonormal; expected a right-handed orthonormal matrix (3, 3)"
+        )
     return np.asarray(u @ v_transposed)
 
 

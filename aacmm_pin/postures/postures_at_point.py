@@ -85,14 +85,18 @@ class PosturesAtPoint(Shown):
         """
         import pandas as pd
 
-        return pd.DataFrame([self._row(number) for number in np.unique(self.component)])
-
-    def _row(self, number: int) -> dict[str, Any]:
-        members = self.component == number
-        inside = self.within_limits[members]
-        outside = self.broken[members].any(axis=0)
-        row: dict[str, Any] = {"component": int(number), "configurations": int(members.sum())}
-        return row | {"within_limits": int(inside.sum()), "joints_outside_limits": _joints(outside)}
+        rows = []
+        for number in np.unique(self.component):
+            members = self.component == number
+            rows.append(
+                {
+                    "component": number,
+                    "configurations": members.sum(),
+                    "within_limits": self.within_limits[members].sum(),
+                    "joints_outside_limits": _joints(self.broken[members].any(axis=0)),
+                }
+            )
+        return pd.DataFrame(rows)
 
     def _where(self) -> str:
         place = ", ".join(map(plain_mm, self.point))

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 import scipy
@@ -126,12 +125,7 @@ class Wrist:
 
 def reach_of_wrist(wrist: Wrist, shoulder: Array) -> tuple[float, float]:
     """Least and largest distance of the wrist from ``shoulder`` (3,) [m], without limits."""
-
-    def squared_distance(place: Array) -> tuple[Array, Array]:
-        from_shoulder = place - shoulder
-        return np.sum(from_shoulder * from_shoulder, axis=-1), 2.0 * from_shoulder
-
-    nearest, farthest = _extremes(wrist, squared_distance)
+    nearest, farthest = _extremes(wrist, lambda at: np.square(at - shoulder).sum(axis=-1))
     return float(np.sqrt(max(nearest, 0.0))), float(np.sqrt(farthest))
 
 
@@ -139,43 +133,27 @@ def box_of_wrist(wrist: Wrist) -> Array:
     """Least and largest distance of the wrist from the base z axis, then least and largest z (4,)
     [m], without limits.
     """
-
-    def squared_radius(place: Array) -> tuple[Array, Array]:
-        level = place * np.array([1.0, 1.0, 0.0])
-        return np.sum(level * level, axis=-1), 2.0 * level
-
-    def height(place: Array) -> tuple[Array, Array]:
-        gradient = np.zeros_like(place)
-        gradient[..., 2] = 1.0
-        return place[..., 2], gradient
-
-    squared_radii = np.maximum(_extremes(wrist, squared_radius), 0.0)
-    return np.array([*np.sqrt(squared_radii), *_extremes(wrist, height)])
+    squared_radii = _extremes(wrist, lambda at: np.square(at[..., :2]).sum(axis=-1))
+    heights = _extremes(wrist, lambda at: at[..., 2])
+    return np.array([*np.sqrt(np.maximum(squared_radii, 0.0)), *heights])
 
 
-def _extremes(
-    wrist: Wrist, value_and_gradient: Callable[[Array], tuple[Array, Array]]
-) -> tuple[float, float]:
-    """Least and largest value over all postures, of a function of the wrist's place (…, 3) [m] that
-    also returns its gradient: a grid, then local searches.
+def _extremes(wrist: Wrist, value_at: Callable[[Array], Array]) -> tuple[float, float]:
+    """Least and largest value over all postures, of a function of the wrist's place (…, 3) [m]: a
+    grid, then local searches.
     """
     angles = np.linspace(-np.pi, np.pi, GRID, endpoint=False)
     axes = np.meshgrid(*[angles] * POSITIONING, indexing="ij")
     grid = np.stack(axes, axis=-1).reshape(-1, POSITIONING)
-    values, _ = value_and_gradient(wrist.table.chain.positions(grid))
-
-    def signed(q: Array, sign: float) -> tuple[float, Array]:
-        place, jacobian = wrist.table.chain.position_and_jacobian(q[None])
-        value, gradient = value_and_gradient(place[0])
-        return sign * float(value), sign * gradient @ jacobian[0]
-
-    search = partial(
-        scipy.optimize.minimize, signed, method="BFGS", jac=True, options={"gtol": 1e-9}
-    )
+    values = value_at(wrist.table.chain.positions(grid))
     extremes = []
     for sign in (1.0, -1.0):
+
+        def signed(q: Array, sign: float = sign) -> float:
+            return sign * float(value_at(wrist.table.chain.positions(q[None]))[0])
+
         starts = grid[np.argsort(sign * values)[:STARTS]]
-        ends = [search(q, args=(sign,)) for q in starts]
+        ends = [scipy.optimize.minimize(signed, q, method="BFGS") for q in starts]
         extremes.append(sign * min(float(end.fun) for end in ends))
     return extremes[0], extremes[1]
 

@@ -54,7 +54,6 @@ def test_curves_are_closed_even_and_along_the_null_space(panda, motions):
             q = motion.q[motion.component == number]
             way = np.diagonal(gaps(np.roll(q, -1, axis=0), q)).T
             step = np.linalg.norm(way, axis=1)
-            assert motion.summary()["travel_rad"][number - 1] == pytest.approx(step.sum())
             assert step.max() < 1.02 * step.min()
             close(motion.travel[motion.component == number], np.cumsum(step) - step, 1e-9)
             chord = way + np.roll(way, 1, axis=0)

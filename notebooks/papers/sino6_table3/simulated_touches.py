@@ -13,7 +13,7 @@ from aacmm_pin._support.checks import Array
 from aacmm_pin._support.units import MM
 from aacmm_pin.effects import Effect, ErrorModel, sensitivity
 from aacmm_pin.errors import AacmmError, UnknownNameError
-from aacmm_pin.postures.configurations import WRIST, ConfigurationCircle, configuration_circles
+from aacmm_pin.postures.configurations import WRIST, ConfigurationCircle, configuration_circle
 from papers.sino6.tables import printed_points, printed_table3
 
 Reading = Literal["stylus down", "stylus up", "wrist"]
@@ -101,9 +101,11 @@ def touched_seats(
         raise AacmmError(f"arc is {arc:g}; expected a part of the circle, above 0 and at most 1")
     model, count, axis = ErrorModel.load("sino6"), round(RECORDS / arc), AXES[reading]
     wrist = axis is None
-    circles = configuration_circles(
-        model.arm, printed_points(), tip=not wrist, axis=axis, count=DENSE if wrist else count
-    )
+    count_on_curve = DENSE if wrist else count
+    circles = [
+        configuration_circle(model.arm, point, tip=not wrist, axis=axis, count=count_on_curve)
+        for point in printed_points()
+    ]
     q = np.stack([_most_usable(circle) for circle in circles])
     if wrist:
         apart = np.abs(wrapped(q[:, :, None, 2] - np.arange(count) * 2.0 * np.pi / count))
