@@ -317,16 +317,7 @@ class Arm(Shown):
         Raises:
             AacmmError: invalid, or the readings do not determine all angles.
         """
-        entries = []
-        for number, given in enumerate(couplings, start=1):
-            try:
-                joint, of, ratio = given
-                entries.append(Coupling(joint=joint, of=of, ratio=ratio))
-            except (TypeError, ValueError):
-                raise AacmmError(
-                    f"couplings[{number}] is {given!r}; expected (joint, of, ratio), such as "
-                    "(3, 2, -1.0)"
-                ) from None
+        entries = [Coupling(joint=joint, of=of, ratio=ratio) for joint, of, ratio in couplings]
         try:
             coupling_matrix(entries, self.chain.moving_rows())
         except ValueError as error:

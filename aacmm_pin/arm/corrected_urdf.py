@@ -11,7 +11,7 @@ from lxml import etree
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin.arm.arm import Arm
-from aacmm_pin.arm.urdf_check import Element, parsed_urdf
+from aacmm_pin.arm.urdf_check import parsed_urdf
 from aacmm_pin.errors import AacmmError, UnsupportedArmError
 
 
@@ -50,7 +50,17 @@ def corrected_urdf(arm: Arm, tip_shift: Array | None = None) -> bytes:
         if before != after:
             motions[name] = before.actInv(after)
     if tip_shift is not None and np.any(tip_shift):
-        motions[_joint_of_tip(joints, arm)] = pin.SE3(np.eye(3), np.array(tip_shift))
+        carriers = [
+            name
+            for name, joint in joints.items()
+            if joint.get("type") == "fixed" and joint.find("child").get("link") == arm.tip
+        ]
+        if not carriers:
+            raise UnsupportedArmError(
+                f"{arm.name}: no fixed joint carries the frame {arm.tip!r} alone; to shift the "
+                "tip, add a fixed joint before this frame to the URDF"
+            )
+        motions[carriers[0]] = pin.SE3(np.eye(3), np.array(tip_shift))
     if not motions:
         return content
     for name, motion in motions.items():
@@ -67,16 +77,6 @@ def corrected_urdf(arm: Arm, tip_shift: Array | None = None) -> bytes:
     tree = robot.getroottree()
     return bytes(
         etree.tostring(tree, xml_declaration=True, encoding=tree.docinfo.encoding or "utf-8")
-    )
-
-
-def _joint_of_tip(joints: dict[str, Element], arm: Arm) -> str:
-    for name, joint in joints.items():
-        if joint.get("type") == "fixed" and joint.find("child").get("link") == arm.tip:
-            return name
-    raise UnsupportedArmError(
-        f"{arm.name}: no fixed joint carries the frame {arm.tip!r} alone; to shift the tip, add a "
-        "fixed joint before this frame to the URDF"
     )
 
 

@@ -15,14 +15,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal, get_args
+from typing import Literal
 
 import numpy as np
 
 from aacmm_pin._support.checks import Array, Mask, batch
 from aacmm_pin._support.display import Shown
 from aacmm_pin.arm.chain import OMEGA_X, OMEGA_Z, V_X, V_Z, Chain, axis, end, screws
-from aacmm_pin.errors import ShapeError, UnknownNameError
 
 Convention = Literal["standard-dh", "modified-dh"]
 KINDS = ("a", "d", "alpha", "theta_offset")
@@ -112,17 +111,10 @@ def table(
     """Make a table from ``rows`` (rows, 4): a, d, alpha, theta_offset [m, m, rad, rad].
 
     Raises:
-        ShapeError: wrong shape, not finite, or another number of ``moving``.
+        ShapeError: wrong shape, or not finite.
     """
-    if convention not in get_args(Convention):
-        raise UnknownNameError("convention", convention, list(get_args(Convention)))
     rows = batch(rows, 4, "rows", "m, m, rad, rad")
     a, d, alpha, theta_offset = rows.T
     has_joint = np.ones(len(rows), dtype=bool) if moving is None else np.array(moving, dtype=bool)
     prismatic = np.zeros(len(rows), dtype=bool) if slides is None else np.array(slides, dtype=bool)
-    for name, flags in ("moving", has_joint), ("slides", prismatic):
-        if flags.shape != (len(rows),):
-            raise ShapeError(
-                f"{name} has {flags.size} entries; expected {len(rows)}, one for each row"
-            )
     return DHTable(a, d, alpha, theta_offset, has_joint, prismatic, convention)

@@ -121,7 +121,20 @@ class UrKinematics:
             raise ArmFileError(place, "", f"the file cannot be read: {error}") from None
         if place.lower().endswith(".conf"):
             return _kinematics_of_controller(text, place, robot.lower())
-        return _of_yaml(text, place)
+        try:
+            content = yaml.safe_load(text)
+        except yaml.YAMLError as error:
+            raise ArmFileError(place, "", str(error)) from None
+        content = content if isinstance(content, dict) else {}
+        kinematics = validated(RosFile, content, place).kinematics.model_dump()
+        placements = []
+        for link in UR_LINKS:
+            x, y, z, roll, pitch, yaw = kinematics[link].values()
+            placement = np.eye(4)
+            placement[:3, :3] = from_roll_pitch_yaw(np.array([roll, pitch, yaw]))
+            placement[:3, 3] = x, y, z
+            placements.append(placement)
+        return UrKinematics(str(kinematics["hash"] or "robot"), [*placements, np.eye(4)])
 
     @staticmethod
     def of(arm: Arm) -> UrKinematics:
@@ -249,20 +262,3 @@ def _kinematics_of_controller(text: str, place: str, robot: str) -> UrKinematics
                 f"{FAR_FROM_TABLE} m: check --ur-robot, and that lists are in m and rad",
             )
     return UrKinematics(robot, placements)
-
-
-def _of_yaml(text: str, place: str) -> UrKinematics:
-    try:
-        content = yaml.safe_load(text)
-    except yaml.YAMLError as error:
-        raise ArmFileError(place, "", str(error)) from None
-    content = content if isinstance(content, dict) else {}
-    kinematics = validated(RosFile, content, place).kinematics.model_dump()
-    placements = []
-    for link in UR_LINKS:
-        x, y, z, roll, pitch, yaw = kinematics[link].values()
-        placement = np.eye(4)
-        placement[:3, :3] = from_roll_pitch_yaw(np.array([roll, pitch, yaw]))
-        placement[:3, 3] = x, y, z
-        placements.append(placement)
-    return UrKinematics(str(kinematics["hash"] or "robot"), [*placements, np.eye(4)])

@@ -79,8 +79,11 @@ def for_two(
         better = best is not None and after.probability > best[2].probability + BETTER
         if best is None or decides or better or (best[2].inseparable and not after.inseparable):
             best = (situation, chosen, after)
-            decided = decides or why_not
-            enough_records = None if decided else _enough_records(situation, chosen, sizes)
+            enough_records = None
+            for times in () if decides or why_not else MORE:
+                if situation.power(chosen, PAIR, sizes, times).probability >= DECIDED:
+                    enough_records = int(np.ceil(times * len(chosen)))
+                    break
         if decides:
             break
     assert best is not None
@@ -176,14 +179,6 @@ def _chosen(
     score = t_optimality(rows, situation.blocks, sizes, pairs)
     exchanges = int(len(pairs) == 1 and len(rows) >= THOROUGH)
     return chosen_records(rows, information, steps, score, exchanges)
-
-
-def _enough_records(situation: Situation, chosen: list[int], sizes: Sequence[Array]) -> int | None:
-    """Approximate number of like records that suffice; None beyond :data:`MORE`."""
-    for times in MORE:
-        if situation.power(chosen, PAIR, sizes, times).probability >= DECIDED:
-            return int(np.ceil(times * len(chosen)))
-    return None
 
 
 def _sizes_alike(

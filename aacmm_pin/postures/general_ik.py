@@ -17,6 +17,7 @@ from aacmm_pin._support.notes import Note
 from aacmm_pin._support.plausible import COORDINATE
 from aacmm_pin.arm import Arm, GivenArm, as_arm, inside_part, into_limits, outside_limits
 from aacmm_pin.errors import AacmmError, ShapeError, UnsupportedArmError
+from aacmm_pin.postures.continuation import POINT
 from aacmm_pin.postures.curve_sampling import Flexibility, evenly
 from aacmm_pin.postures.elbow_swivel import Swivel
 from aacmm_pin.postures.newton_search import (
@@ -26,7 +27,7 @@ from aacmm_pin.postures.newton_search import (
     SelfMotion,
     search,
 )
-from aacmm_pin.postures.pose_equations import PoseConditions
+from aacmm_pin.postures.pose_equations import Equations
 from aacmm_pin.postures.postures_at_point import (
     PosturesAtPoint,
     in_degrees,
@@ -49,19 +50,19 @@ class ReachingPostures(PosturesAtPoint):
     Each single posture is a component.
 
     Attributes:
-        conditions: position and direction or orientation of the tip.
+        conditions: their number: 3, 5 with a direction, 6 with an orientation.
         curves: of self-motion, sampled; empty for single postures.
         search: and whether it is complete.
     """
 
-    conditions: PoseConditions
+    conditions: int
     curves: tuple[Curve, ...]
     search: Search
 
     @property
     def single(self) -> bool:
         """True for single postures, False on curves."""
-        return self.conditions.free == 0
+        return self.conditions == self.arm.nq
 
     @property
     def travel(self) -> Array:
@@ -101,7 +102,7 @@ class ReachingPostures(PosturesAtPoint):
         return wrapped(np.diff(q, axis=0, append=q[: int(is_closed)]))
 
     def __str__(self) -> str:
-        where = f"{self._where()} for {CONDITIONS[self.conditions.count]}"
+        where = f"{self._where()} for {CONDITIONS[self.conditions]}"
         if self.reason:
             return f"{where}, has no posture, because {self.reason}"
         inside = f"of which {self.within_limits.sum()} are within the joint limits"
@@ -149,10 +150,10 @@ def reaching_postures(
     arm = as_arm(arm)
     count = whole(count, 3, "count")
     most_starts = whole(most_starts, 1, "most_starts")
-    conditions = _conditions(arm, vector(point, 3, "point", "m"), axis, tool, rotation)
-    equations = conditions.equations()
+    place = vector(point, 3, "point", "m")
+    equations = _equations(arm, place, axis, tool, rotation)
     curves: tuple[Curve, ...] = ()
-    finds = Isolated(equations) if conditions.free == 0 else SelfMotion(equations)
+    finds = Isolated(equations) if equations.count == arm.nq else SelfMotion(equations)
     outcome = search(finds, arm.nq, most_starts)
     notes = []
     if finds.family is not None:
@@ -179,13 +180,13 @@ def reaching_postures(
     q = into_limits(q, arm.limits)
     return ReachingPostures(
         arm,
-        conditions.point,
+        place,
         arm.tip,
         q,
         component + 1,
-        _swivel(arm, q, conditions.point),
+        _swivel(arm, q, place),
         outside_limits(q, arm.limits),
-        conditions,
+        equations.count,
         curves,
         outcome,
         reason=reason,
@@ -194,13 +195,13 @@ def reaching_postures(
     )
 
 
-def _conditions(
+def _equations(
     arm: Arm,
     point: Array,
     axis: ArrayLike | None,
     tool: ArrayLike | None,
     rotation: ArrayLike | None,
-) -> PoseConditions:
+) -> Equations:
     COORDINATE.check(point, "point")
     slides = np.flatnonzero(arm.chain.prismatic) + 1
     if slides.size:
@@ -218,21 +219,23 @@ def _conditions(
         raise AacmmError("axis and rotation are both stated; expected one of the two")
     if tool is not None and axis is None:
         raise AacmmError("tool requires axis, which is the direction of the tool in the base")
+    links = arm.chain.links()
+    points = point[None]
     if axis is not None:
         stylus = arm.stylus_axis if arm.stylus_axis is not None else np.array([0.0, 0.0, 1.0])
         unit_tool = stylus if tool is None else unit_vector(tool, "tool")
-        unit_axis = unit_vector(axis, "axis")
-        conditions = PoseConditions(arm.chain, point, tool=unit_tool, axis=unit_axis)
+        equations = Equations.of_axis(links, points, unit_tool, unit_vector(axis, "axis"))
+    elif rotation is not None:
+        equations = Equations.of_pose(links, points, _rotation(rotation))
     else:
-        orientation = None if rotation is None else _rotation(rotation)
-        conditions = PoseConditions(arm.chain, point, rotation=orientation)
-    if conditions.free not in (0, 1):
+        equations = Equations(links, points, POINT)
+    if arm.nq - equations.count not in (0, 1):
         fitting = (f"{n} or {n + 1} for {words}" for n, words in CONDITIONS.items())
         raise UnsupportedArmError(
-            f"{arm.name}: {arm.nq} joints at {CONDITIONS[conditions.count]}; expected "
+            f"{arm.name}: {arm.nq} joints at {CONDITIONS[equations.count]}; expected "
             f"{', '.join(fitting)}"
         )
-    return conditions
+    return equations
 
 
 def _rotation(values: ArrayLike) -> Array:

@@ -7,9 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from aacmm_pin._support.checks import Array, Index, Mask
-from aacmm_pin.arm import Chain
 from aacmm_pin.postures import continuation
-from aacmm_pin.postures.continuation import MOST_POLISHES, POINT, POINT_AND_AXIS
+from aacmm_pin.postures.continuation import MOST_POLISHES, POINT_AND_AXIS
 
 POSE = 6
 Z_AXIS = np.array([0.0, 0.0, 1.0])
@@ -41,6 +40,11 @@ class Equations:
         rotated[-1, :3, :3] = rotated[-1, :3, :3] @ rotation_between(Z_AXIS, tool)
         return Equations(rotated, points @ upright.T, POINT_AND_AXIS)
 
+    @staticmethod
+    def of_pose(links: Array, points: Array, rotation: Array) -> Equations:
+        """The tip's frame at ``points`` (m, 3) [m] with the axes ``rotation`` (3, 3)."""
+        return Equations(_in_axes(links, rotation.T), points @ rotation, POSE)
+
     def __call__(self, q: Array, problem: Index | int = 0) -> tuple[Array, Array]:
         """Values (n, k) [m, rad] and derivatives (n, k, joints) at ``q`` (n, joints) [rad];
         ``problem`` numbers (n,), or one.
@@ -69,46 +73,6 @@ class Equations:
         space = continuation.working_space(joints)
         move_to_solutions(self.links, goals, most, angles, equations, arrived, space)
         return angles, equations, arrived
-
-
-@dataclass(frozen=True, eq=False)
-class PoseConditions:
-    """Conditions on the tip of a chain of revolute joints.
-
-    Attributes:
-        point: of the tip (3,) [m].
-        tool: unit direction in the tip's frame along ``axis`` (3,), or None.
-        axis: unit direction in the base (3,), or None.
-        rotation: orientation of the tip's frame in the base (3, 3), or None.
-    """
-
-    chain: Chain
-    point: Array
-    tool: Array | None = None
-    axis: Array | None = None
-    rotation: Array | None = None
-
-    @property
-    def count(self) -> int:
-        """3, 5 with an axis, 6 with a rotation."""
-        if self.rotation is not None:
-            return POSE
-        return POINT if self.axis is None else POINT_AND_AXIS
-
-    @property
-    def free(self) -> int:
-        """Joints beyond the conditions: dimension of the regular postures."""
-        return self.chain.nq - self.count
-
-    def equations(self) -> Equations:
-        """The equations of one problem."""
-        links = self.chain.links()
-        points = self.point[None]
-        if self.rotation is not None:
-            return Equations(_in_axes(links, self.rotation.T), points @ self.rotation, POSE)
-        if self.axis is not None and self.tool is not None:
-            return Equations.of_axis(links, points, self.tool, self.axis)
-        return Equations(links, points, POINT)
 
 
 def rotation_between(u: Array, v: Array) -> Array:

@@ -68,7 +68,7 @@ def accuracy_summary(
     }
     if isinstance(circle, ReachingPostures):
         search = circle.search
-        summary["conditions"] = circle.conditions.count
+        summary["conditions"] = circle.conditions
         summary["components"] = circle.component.max(initial=0)
         summary["search"] = {
             "starts": search.starts,

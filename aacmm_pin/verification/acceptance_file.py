@@ -25,7 +25,6 @@ from aacmm_pin.measurements import (
     read_probed_points,
     read_table,
     read_values,
-    span,
 )
 
 CHECK_COLUMNS = (
@@ -76,12 +75,11 @@ def read_file(path: str, content: bytes, models: Mapping[str, ErrorModel]) -> Pr
     problems = Problems(path, lines)
     points = read_probed_points(table, problems)
     to_fill = [str(name) for name in table if name in REFERENCE or is_reading(name)]
-    is_empty = (table[to_fill] == "").all()
-    unfilled = [name for name in to_fill if is_empty[name]]  # either may be: of a procedure
-    table = table.drop(columns=unfilled)
+    is_empty = (table[to_fill] == "").all()  # either may be: of a procedure
+    table = table.drop(columns=[name for name in to_fill if is_empty[name]])
     given = _given_coordinates(table, problems)
     problems.stop()
-    of_arms, notes = _by_arms(table, path, models, unfilled)
+    of_arms, notes = _by_arms(table, path, models)
     coordinates = ({} if given is None else {AS_GIVEN: given}) | of_arms
     if not coordinates:
         raise MeasurementFileError(
@@ -125,24 +123,12 @@ def _given_coordinates(table: pd.DataFrame, problems: Problems) -> Array | None:
 
 
 def _by_arms(
-    table: pd.DataFrame, path: str, models: Mapping[str, ErrorModel], unfilled: list[str]
+    table: pd.DataFrame, path: str, models: Mapping[str, ErrorModel]
 ) -> tuple[dict[str, Array], list[Note]]:
-    """The tip by each arm (n, 3) [m], and notes on readings.
-
-    ``unfilled`` columns are empty in every row.
-    """
+    """The tip by each arm (n, 3) [m], and notes on readings."""
     if models and not any(map(is_reading, table)):
-        theta = [name for name in unfilled if is_reading(name)]
-        if theta:
-            raise MeasurementFileError(
-                path, None, span(theta), "all cells are empty; expected readings"
-            )
         raise MeasurementFileError(
-            path,
-            None,
-            "",
-            f"no readings; expected columns theta1_deg … for the named arms (the file has "
-            f"{first_few(table)})",
+            path, None, "", "no readings; expected numbers in theta1_deg … for the named arms"
         )
     of_arm = [name for name in table if name not in OF_TEST and not column_of(name).of_reference]
     tips: dict[str, Array] = {}

@@ -18,7 +18,7 @@ from aacmm_pin.verification.spheres import (
     FEWEST_POINTS,
     FittedSphere,
     fitted_sphere,
-    minimum_circumscribed_sphere,
+    smallest_sphere,
 )
 
 LENGTH_KEY = ("length_id", "position", "repeat")
@@ -171,8 +171,8 @@ def form_of_sphere(points: pd.DataFrame) -> Iterator[Error]:
 def spread_of_centres(points: pd.DataFrame) -> Iterator[Error]:
     """Diameter of the smallest sphere around all centres."""
     centres = [_sphere(repeat).center for repeat in groups_of(points, ["repeat"])]
-    _, diameter = minimum_circumscribed_sphere(np.array(centres))
-    yield Error(diameter, place=PointsInFile.of(points))
+    _, radius = smallest_sphere(np.array(centres))
+    yield Error(2 * radius, place=PointsInFile.of(points))
 
 
 def distances_from_mean(points: pd.DataFrame) -> Iterator[Error]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import product
@@ -57,7 +57,7 @@ LEVEL = 0.25
 LEAST_SEPARATION = 0.2
 """Of artefacts, in parts of the reach."""
 CANDIDATES, TRIED = 4000, 30
-"""Places looked at, and directions of a bar tried beside the wanted one."""
+"""Places looked at, and those of which the most distant one is taken."""
 RIM = 0.1
 """Part of the radius over the rim of a half sphere for points."""
 LEAST_UPRIGHT_COSINE = 0.7
@@ -331,78 +331,55 @@ class _Layout:
                 self.probe_point(point, q, test="single-point", feature="seat", position=name)
 
     def length_bar(self, lengths: Sequence[float], wanted: set[str]) -> None:
-        """Add a bar with a point at 0 and at each length, in seven places."""
-        for place, (start, direction) in enumerate(self._bar_places(np.array(lengths)), start=1):
-            ends = start + np.array([0.0, *lengths])[:, None] * direction
-            postures = self.pool.postures_at(ends, REPEATS)
-            for test, aside in (("length-uni", 0.0), ("length-bi", self.probe_diameter / 2)):
-                if test in wanted:
-                    cells = {"test": test, "position": f"P{place}"}
-                    self._bar(lengths, ends, postures, aside * direction, cells)
-
-    def _bar(
-        self,
-        lengths: Sequence[float],
-        ends: Array,
-        postures: Sequence[Array],
-        aside: Array,
-        cells: dict[str, Any],
-    ) -> None:
-        """Add all lengths of a bar in every repeat, probed ``aside`` (3,) [m] beyond their ends."""
-        for repeat in range(REPEATS):
-            for number, length in enumerate(lengths, start=1):
-                row = cells | {"repeat": repeat + 1, "length_id": f"L{number}"}
-                row |= {"length_mm": length / MM, "probe_diameter_mm": self.probe_diameter / MM}
-                for feature, end, sign in (("A", 0, -1), (f"L{number}", number, 1)):
-                    q = postures[end][repeat % len(postures[end])]
-                    self.probe_point(ends[end] + sign * aside, q, feature=feature, **row)
-
-    def _bar_places(self, lengths: Array) -> list[tuple[Array, Array]]:
-        """Start and direction (3,) of the bar in seven distant places: nearly along two level axes,
-        upright, and along the four diagonals.
+        """Add a bar with a point at 0 and at each length, in seven places; bidirectional lengths
+        are probed from beyond their ends.
         """
-        up = self.pool.arm.up
-        _, _, axes = np.linalg.svd(up[None])
-        level_axes = axes[1:]
-        signs = np.array([*product((-1, 1), repeat=2)])
-        diagonals = (signs @ level_axes + up) / np.sqrt(3)
-        thinnest = float(np.quantile(self.pool.thinness(self.pool.tips[:CANDIDATES]), 0.98))
-        to_middle = lengths[-1] / 2
-        placed: list[tuple[Array, Array]] = []
-        for wanted in (*level_axes, up, *diagonals):
-            deviation = np.arange(TRIED)[:, None] / TRIED
-            directions = wanted + deviation * self.rng.normal(size=(TRIED, 3))
-            directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-            for direction in directions:  # the wanted one first, then others, farther from it
-                starts = self._bar_starts(direction, lengths, thinnest)
-                middles = starts + to_middle * direction
-                middles_before = [start + to_middle * along for start, along in placed]
-                spread = spread_out(np.array([*middles_before, *middles]), len(placed) + 5, 0.0)
-                distant = spread[spread >= len(placed)] - len(placed)
-                marks = np.array([0.0, *lengths])[:, None] * direction
-                candidates = starts[distant][:, None] + marks
-                with suppress(AacmmError):  # then another direction is tried
-                    (place,) = self.pool.reached(candidates, 1, 1, "bars")
-                    placed.append((place.points[0], direction))
-                    break
-        if len(placed) < PLACES:
-            raise AacmmError(
-                f"{self.pool.arm.name}: a bar of {lengths[-1] / MM:g} mm fits in {len(placed)} "
-                f"places; expected {PLACES}; reduce --measuring-range-mm or --length-mm"
-            )
-        return placed
+        numbers = range(1, len(lengths) + 1)
+        for place, ends in enumerate(self._bar_places(np.array([0.0, *lengths])), start=1):
+            postures = self.pool.postures_at(ends, REPEATS)
+            direction = (ends[-1] - ends[0]) / lengths[-1]
+            for test, aside in (("length-uni", 0.0), ("length-bi", self.probe_diameter / 2)):
+                repeats = range(REPEATS) if test in wanted else ()
+                for repeat, number in product(repeats, numbers):
+                    cells = {"test": test, "position": f"P{place}", "repeat": repeat + 1}
+                    cells |= {"length_id": f"L{number}", "length_mm": lengths[number - 1] / MM}
+                    cells["probe_diameter_mm"] = self.probe_diameter / MM
+                    for feature, end, sign in (("A", 0, -1), (f"L{number}", number, 1)):
+                        q = postures[end][repeat % len(postures[end])]
+                        point = ends[end] + sign * aside * direction
+                        self.probe_point(point, q, feature=feature, **cells)
 
-    def _bar_starts(self, direction: Array, lengths: Array, thinnest: float) -> Array:
-        """Tips (n, 3) [m] where a bar may begin: all its points are in the room, with less than
-        ``thinnest`` of :meth:`Pool.thinness`.
+    def _bar_places(self, marks: Array) -> Iterator[Array]:
+        """Points (k, 3) of the bar, with ``marks`` (k,) from its start, in seven distant places:
+        nearly along two level axes, upright, and along the four diagonals.
         """
         pool = self.pool
-        starts = pool.tips[self.rng.permutation(len(pool.tips))[:CANDIDATES]]
-        for length in (*lengths[::-1], 0.0):  # the far end is least often in reach
-            points = starts + length * direction
-            is_dense = np.isfinite(pool.thinness(points, thinnest))
-            starts = starts[pool.room.admits(points) & is_dense]
-        return starts
+        _, _, axes = np.linalg.svd(pool.arm.up[None])
+        level_axes = axes[1:]
+        signs = np.array([*product((-1, 1), repeat=2)])
+        diagonals = (signs @ level_axes + pool.arm.up) / np.sqrt(3)
+        thinnest = float(np.quantile(pool.thinness(pool.tips[:CANDIDATES]), 0.98))
+        deviation = np.linspace(0.0, 1.0, CANDIDATES)[:, None]
+        middles = np.empty((0, 3))
+        for wanted in (*level_axes, pool.arm.up, *diagonals):
+            directions = wanted + deviation * self.rng.normal(size=(CANDIDATES, 3))
+            directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+            starts = pool.tips[self.rng.integers(len(pool.tips), size=CANDIDATES)]
+            bars = starts[:, None] + marks[:, None] * directions[:, None]
+            points = bars.reshape(-1, 3)
+            admitted = pool.room.admits(points) & np.isfinite(pool.thinness(points, thinnest))
+            # Those that deviate least from the wanted direction.
+            fitting = bars[admitted.reshape(CANDIDATES, -1).all(axis=1)][:TRIED]
+            if not len(fitting):
+                raise AacmmError(
+                    f"{pool.arm.name}: a bar of {marks[-1] / MM:g} mm fits in {len(middles)} "
+                    f"places; expected {PLACES}; reduce --measuring-range-mm or --length-mm"
+                )
+            spread = spread_out(np.concatenate([middles, fitting.mean(axis=1)]), TRIED, 0.0)
+            distant = spread[spread >= len(middles)] - len(middles)
+            (place,) = pool.reached(fitting[distant], 1, 1, "bars")
+            middles = np.vstack([middles, place.points.mean(axis=0)])
+            yield place.points
 
     def ball_bars(self, *lengths: float) -> None:
         """Two lengths in ten places each."""

@@ -87,18 +87,11 @@ def fitted_sphere(points: ArrayLike) -> FittedSphere:
     return FittedSphere(center, diameter, float(np.ptp(radial)), factor, radial, leverages)
 
 
-def minimum_circumscribed_sphere(points: ArrayLike) -> tuple[Array, float]:
-    """Centre (3,) and diameter [m] of the smallest sphere around ``points`` (n, 3) (Welzl 1991).
-
-    Raises:
-        ShapeError: no point, a wrong shape, or not finite.
-    """
-    points = batch(points, 3, "points", "m")
-    if not len(points):
-        raise ShapeError("points has no rows; expected at least 1")
+def smallest_sphere(points: Array) -> tuple[Array, float]:
+    """Centre (3,) and radius [m] of the smallest sphere around ``points`` (n, 3) (Welzl 1991)."""
     middle = points.mean(axis=0)
     center, radius = _welzl([*(points - middle)], [])
-    return center + middle, 2 * radius
+    return center + middle, radius
 
 
 def _welzl(points: list[Array], on: list[Array]) -> tuple[Array, float]:

@@ -115,7 +115,7 @@ MISTAKES = [
     ("mass_kg = 0.5", "", "joints[1]", "mass_kg; expected both"),
     ("axis = [0, 0.0, 1.0]", "axis = [0, 0, 0]", "stylus", "axis is [0, 0, 0]"),
     ("a_mm = 100", "a_mm = -90,004", "", "line "),
-    ("a_mm = 100", "a_mm = -90,004", "", "'-90,004'; expected a number with a decimal point"),
+    ("a_mm = 100", "a_mm = -90,004", "", "expected TOML, with a decimal point"),
     # what no arm has
     ("d_mm = 20.0", "d_mm = -1e6", "", "joints[1].d_mm is -1e+06 mm"),
     ("fixed = true", "limits_rad = [0, 1]", "", "joints[2].encoder_noise_rad is missing"),

@@ -14,7 +14,7 @@ from aacmm_pin._support.checks import Array
 from aacmm_pin.arm import Arm
 from aacmm_pin.errors import AacmmError, ShapeError, UnsupportedArmError
 from aacmm_pin.postures.general_ik import reaching_postures
-from aacmm_pin.postures.pose_equations import Equations, PoseConditions
+from aacmm_pin.postures.pose_equations import Equations
 from tests.oracle import close, derivative
 
 pytestmark = pytest.mark.fast
@@ -46,10 +46,9 @@ def test_turns_are_the_logarithm_and_pointing_is_an_angle(sino6, rng, angle):
         across = np.cross(pose[:3, 1], axis)
         across /= np.linalg.norm(across)
         goal = Rotation.from_rotvec(angle * across).as_matrix() @ pose[:3, 1]
-        off = PoseConditions(sino6.chain, pose[:3, 3], rotation=wanted).equations()
-        pointing = PoseConditions(
-            sino6.chain, pose[:3, 3], np.array([0.0, 1.0, 0.0]), goal
-        ).equations()
+        links, place = sino6.chain.links(), pose[None, :3, 3]
+        off = Equations.of_pose(links, place, wanted)
+        pointing = Equations.of_axis(links, place, np.array([0.0, 1.0, 0.0]), goal)
         within = 1e-14 + 1e-9 * angle
         close(wanted @ off(q[None], zero)[0][0, 3:], angle * axis, within)
         assert np.linalg.norm(pointing(q[None], zero)[0][0, 3:]) == pytest.approx(

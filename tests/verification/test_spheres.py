@@ -9,7 +9,7 @@ import pytest
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin.errors import AacmmError, ShapeError
-from aacmm_pin.verification.spheres import fitted_sphere, minimum_circumscribed_sphere
+from aacmm_pin.verification.spheres import fitted_sphere, smallest_sphere
 
 pytestmark = pytest.mark.fast
 
@@ -32,7 +32,7 @@ def by_brute_force(points: Array) -> float:
     return min(found)
 
 
-def test_minimum_circumscribed_sphere_is_that_of_brute_force():
+def test_smallest_sphere_is_that_of_brute_force():
     rng = np.random.default_rng(5)
     for number in range(400):
         points = rng.normal(size=(rng.integers(2, 8), 3)) * 10.0 ** rng.integers(-5, 0)
@@ -45,9 +45,9 @@ def test_minimum_circumscribed_sphere_is_that_of_brute_force():
             points = points[rng.integers(0, 2, size=6)]
         elif number % 5 == 4:
             points = rng.integers(0, 2, size=points.shape) * 1e-3
-        center, diameter = minimum_circumscribed_sphere(points)
-        assert diameter == pytest.approx(by_brute_force(points), rel=1e-8, abs=1e-15), points
-        assert np.linalg.norm(points - center, axis=1).max() <= diameter / 2 * (1 + 1e-8) + 1e-15
+        center, radius = smallest_sphere(points)
+        assert 2 * radius == pytest.approx(by_brute_force(points), rel=1e-8, abs=1e-15), points
+        assert np.linalg.norm(points - center, axis=1).max() <= radius * (1 + 1e-8) + 1e-15
 
 
 def test_fitted_sphere():
@@ -86,5 +86,3 @@ def test_points_without_a_sphere():
     assert fitted_sphere([[0, 0, 0], [2, 0, 0], [0, 2, 0], [0, 0, 2]]).diameter == pytest.approx(
         2 * np.sqrt(3)
     )
-    with pytest.raises(ShapeError):
-        minimum_circumscribed_sphere(np.empty((0, 3)))
