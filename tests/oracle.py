@@ -12,7 +12,7 @@ import pinocchio as pin
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.units import MM
-from aacmm_pin.arm import Arm, ArmFile
+from aacmm_pin.arm import Arm, ArmFile, Poses
 
 DH_KEYS = ("a_mm", "d_mm", "alpha_rad", "theta_offset_rad")
 
@@ -25,6 +25,16 @@ def close(found: Array, expected: Array, atol: float = 1e-12) -> None:
 def postures(arm: Arm, rng: np.random.Generator, n: int) -> Array:
     """Uniform within the limits, of which at most -π to 2π: (n, nq) [rad]."""
     return rng.uniform(*np.clip(arm.limits, -np.pi, 2 * np.pi).T, (n, arm.nq))
+
+
+def jacobian_of(poses: Poses) -> Array:
+    """Jacobian of Pinocchio (n, 6, nq) in ``LOCAL_WORLD_ALIGNED``, linear part first."""
+    model, data = poses.model, poses.model.createData()
+    jacobians = [
+        pin.computeFrameJacobian(model, data, q, poses.frame_id, pin.LOCAL_WORLD_ALIGNED)
+        for q in poses.q
+    ]
+    return np.reshape(jacobians, (len(poses.q), 6, model.nv))
 
 
 def perturbed_positions(arm: Arm, q: Array, errors: Array, at: str | None = None) -> Array:

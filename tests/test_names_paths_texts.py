@@ -13,7 +13,6 @@ import pytest
 
 import aacmm_pin
 from aacmm_pin import Arm, ErrorModel, Measurements
-from aacmm_pin.accuracy.length import length_uncertainty_between
 from aacmm_pin.effects import (
     EncoderEccentricity,
     EncoderGain,
@@ -54,7 +53,7 @@ def volumes(model: Any) -> Any:
 
 def between(model: Any) -> Any:
     ends = [aacmm_pin.configuration_circle("sino6", at, count=6) for at in (POINT, POINT + 0.1)]
-    return length_uncertainty_between(*ends, model).u
+    return aacmm_pin.length_uncertainty(model, ends[0].q[:1], ends[1].q[:1]).u
 
 
 def simulated(model: Any) -> Any:

@@ -1,4 +1,4 @@
-from .length import LengthUncertainty, length_uncertainty_between
+from .length import LengthUncertainty, length_uncertainty
 from .tip_sensitivity import ErrorSources
 from .volume import (
     COVERED,
@@ -10,6 +10,7 @@ from .volume import (
     circle_accuracy,
     expanded,
     paired,
+    usable_postures,
 )
 from .workspace import QUANTITIES, Quantity, WorkspaceMap, map_caveats, map_workspace
 
@@ -27,8 +28,9 @@ __all__ = [
     "accuracy_volume",
     "circle_accuracy",
     "expanded",
-    "length_uncertainty_between",
+    "length_uncertainty",
     "map_caveats",
     "map_workspace",
     "paired",
+    "usable_postures",
 ]

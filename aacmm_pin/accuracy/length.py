@@ -23,12 +23,10 @@ from aacmm_pin._support.units import MM, plain_mm
 from aacmm_pin.accuracy.tip_sensitivity import ErrorSources, omission
 from aacmm_pin.accuracy.volume import expanded
 from aacmm_pin.effects import ErrorModel, GivenModel, loaded
-from aacmm_pin.errors import AacmmError, ShapeError
+from aacmm_pin.errors import AacmmError
 
 if TYPE_CHECKING:
     import pandas as pd
-
-    from aacmm_pin.postures import PosturesAtPoint
 
 SHORTEST = 1e-9
 """Closer points have no direction between them [m]."""
@@ -93,87 +91,37 @@ class LengthUncertainty(Shown):
 
 def length_uncertainty(
     model: GivenModel,
-    qa: ArrayLike,
-    qb: ArrayLike,
+    q_a: ArrayLike,
+    q_b: ArrayLike,
     *,
     at: str | None = None,
     encoder_noise: ArrayLike | None = None,
-) -> Array:
-    """Compute the standard uncertainty of distances, ``(n,)`` [m].
-
-    Each is from the point of a row of ``qa`` to that of the same row of ``qb``.
+) -> LengthUncertainty:
+    """Compute the uncertainty of the distance of two points, for all pairs of postures there.
 
     Args:
         model: arm, perhaps with causes of error; those that depend on conditions are ignored.
-        qa, qb: ``(n, nq)`` [rad].
+        q_a, q_b: postures at each of the two points, ``(n, nq)`` and ``(m, nq)`` [rad].
         at, encoder_noise: see :func:`accuracy_volume`.
 
     Raises:
-        ShapeError: not finite arrays of one shape ``(n, nq)``.
-        AacmmError: no uncertainty, negative noise, or coinciding points.
+        ShapeError: not finite arrays with nq columns.
+        AacmmError: no uncertainty, negative noise, coinciding points, no pair, or too many.
     """
     model = loaded(model)
     arm = ErrorModel.arm_of(model)
-    a = batch(qa, arm.nq, "qa", "rad")
-    b = batch(qb, arm.nq, "qb", "rad")
-    if len(a) != len(b):
-        raise ShapeError(f"qb has {len(b)} postures; expected {len(a)}, as many as qa")
-    sources = ErrorSources.of(model, at, encoder_noise, a, None)
-    direction, _ = _directions(sources.positions(b) - sources.positions(a))
-    first = sources.independent(_contributions(sources, a, direction))
-    second = sources.independent(_contributions(sources, b, direction))
-    shared = _shared(sources)
-    shared_squares = np.square(second[:, shared] - first[:, shared])
-    record_squares = np.square(first[:, ~shared]) + np.square(second[:, ~shared])
-    return np.asarray(np.sqrt(shared_squares.sum(axis=1) + record_squares.sum(axis=1)))
-
-
-def length_uncertainty_between(
-    a: PosturesAtPoint,
-    b: PosturesAtPoint,
-    model: GivenModel,
-    encoder_noise: ArrayLike | None = None,
-) -> LengthUncertainty:
-    """The uncertainty of the distance for every pair of postures within limits.
-
-    Raises:
-        AacmmError: the points coincide, or no pair, or too many.
-    """
-    q_a = a.q[a.within_limits]
-    q_b = b.q[b.within_limits]
-    for postures, q in ((a, q_a), (b, q_b)):
-        if not len(q):
-            raise AacmmError(f"{postures}; expected at least one posture within limits")
-    if len(q_a) * len(q_b) > MOST_PAIRS:
-        raise AacmmError(
-            f"{len(q_a)} × {len(q_b)} pairs of postures; expected at most {MOST_PAIRS} pairs; use "
-            "fewer postures"
-        )
-    sources = ErrorSources.of(loaded(model), a.at, encoder_noise, q_a, None)
-    direction, length = _directions((b.point - a.point)[None])
-    contributions = (
-        _contributions(sources, q_a, direction),
-        _contributions(sources, q_b, direction),
-    )
-    return LengthUncertainty(sources, q_a, q_b, float(length[0]), contributions)
-
-
-def _directions(difference: Array) -> tuple[Array, Array]:
-    """Unit directions (n, 3) and lengths (n,) [m]."""
-    length = np.linalg.norm(difference, axis=1)
-    if (length < SHORTEST).any():
-        raise AacmmError(
-            f"the points of pair {int(length.argmin())} are {length.min() / MM:g} mm apart; "
-            "expected two different points"
-        )
-    return difference / length[:, None], length
-
-
-def _contributions(sources: ErrorSources, q: Array, direction: Array) -> Array:
-    """Effect of one u of each source along ``direction`` (n or 1, 3): (n, p) [m]."""
-    sensitivity = sources.sensitivity(q)
-    along = direction[:, None, :] @ sensitivity
-    return along[:, 0] * sources.u
+    ends = batch(q_a, arm.nq, "q_a", "rad"), batch(q_b, arm.nq, "q_b", "rad")
+    n, m = map(len, ends)
+    if not 1 <= n * m <= MOST_PAIRS:
+        raise AacmmError(f"{n} × {m} pairs of postures; expected 1 to {MOST_PAIRS} pairs")
+    sources = ErrorSources.of(model, at, encoder_noise, ends[0], None)
+    first, second = (arm.positions(q[:1], sources.at)[0] for q in ends)
+    length = float(np.linalg.norm(second - first))
+    if length < SHORTEST:
+        raise AacmmError(f"the points are {length / MM:g} mm apart; expected two different points")
+    direction = (second - first) / length
+    along_a, along_b = (sources.u * (direction @ sources.sensitivity(q)) for q in ends)
+    return LengthUncertainty(sources, *ends, length, (along_a, along_b))
 
 
 def _shared(sources: ErrorSources) -> Mask:

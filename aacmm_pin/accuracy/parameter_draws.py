@@ -46,8 +46,8 @@ def exact_volume(
     sources: ErrorSources,
     draws: int,
     part: tuple[Array, Conditions | None, list[np.random.Generator]],
-) -> tuple[Array, Array, Array]:
-    """Volume, covariance and sampling error of some postures.
+) -> tuple[Array, Array]:
+    """Volume and covariance in some postures.
 
     Args:
         sources: parameters with an uncertainty.
@@ -55,23 +55,20 @@ def exact_volume(
         part: postures (n, nq) [rad], conditions, a random generator for each.
 
     Returns:
-        (n,) [m³], (n, 3, 3) [m²], and change of the volume by half of the draws (n,) [m³].
+        (n,) [m³], and (n, 3, 3) [m²].
     """
     q, conditions, rngs = part
     volume = np.empty(len(q))
-    error = np.empty(len(q))
     covariance = np.empty((len(q), 3, 3))
     generators = sources.generators(sources.sensitivity(q, conditions))
     for k, rng in enumerate(rngs):
         posture = q[k : k + 1]
         record = None if conditions is None else conditions.take([k])
         extreme_errors = _corners(sources, generators[k], rng, draws)
-        corners = exact_positions(sources, posture, record, extreme_errors)
-        volume[k] = _hull_volume(corners)
-        error[k] = volume[k] - _hull_volume(corners[: draws // 2])
+        volume[k] = _hull_volume(exact_positions(sources, posture, record, extreme_errors))
         errors = source_errors(sources, rng, draws)
         covariance[k] = np.cov(exact_positions(sources, posture, record, errors).T)
-    return volume, covariance, error
+    return volume, covariance
 
 
 def _hull_volume(points: Array) -> float:

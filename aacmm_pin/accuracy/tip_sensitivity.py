@@ -35,7 +35,7 @@ from aacmm_pin.effects import (
     of_geometry,
     sensitivity,
 )
-from aacmm_pin.errors import AacmmError, MissingConditionError, UnknownNameError
+from aacmm_pin.errors import AacmmError, MissingConditionError
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -81,7 +81,11 @@ class ErrorSources(Shown):
             AacmmError: no uncertainty, or the arm came without effects that its parameters are
                 correlated with.
         """
-        model, not_passed = _with_effects(model)
+        not_passed: list[str] = []  # effects in the file of an arm without them
+        if isinstance(model, Arm):
+            of_file = ErrorModel.of(model).effects
+            not_passed = [effect.label for effect in of_file if not effect.of_reference]
+            model = ErrorModel(model)
         extra_effects = chain.from_iterable(map(extra_uncertainty_effects, model.effects))
         model = replace(model, effects=(*model.effects, *extra_effects))
         left_out = _lacking(model, q, conditions)
@@ -91,7 +95,12 @@ class ErrorSources(Shown):
         no_source = {
             p.name for e in model.effects if e.of_reference or e in left_out for p in e.parameters()
         }
-        noise = arm.encoder_noise if encoder_noise is None else _noise(arm, encoder_noise)
+        noise = arm.encoder_noise
+        if encoder_noise is not None:
+            is_one = np.ndim(encoder_noise) == 0
+            of_joints = np.full(arm.nq, encoder_noise) if is_one else encoder_noise
+            noise = vector(of_joints, arm.nq, "encoder_noise", "rad")
+            plausible.ENCODER_NOISE.check(noise, "encoder_noise")
         candidates = list(arm.parameters)
         all_u = np.sqrt(np.diag(covariance)).tolist()
         for p, u in list(zip(model.parameters, all_u, strict=True))[len(candidates) :]:
@@ -177,13 +186,6 @@ class ErrorSources(Shown):
                 # What rounded correlations leave below zero is no variance.
                 axes[block] = vectors * np.sqrt(np.maximum(values, 0.0))
         return axes
-
-    def positions(self, q: Array) -> Array:
-        """Origin of frame :attr:`at`, with effects: (n, 3) [m]."""
-        if not self.effects:
-            return self.arm.positions(q, self.at)
-        place = self.arm.place(self.at)
-        return displaced(self.arm, self.effects, q, Conditions(len(q)), place, False).position
 
     def sensitivity(self, q: Array, conditions: Conditions | None = None) -> Array:
         """∂position/∂source at ``q`` (n, nq): (n, 3, p) [m/unit].
@@ -272,28 +274,6 @@ class ErrorSources(Shown):
         table["u_mm"] = np.sqrt(variances) / MM
         table["share"] = covariances.sum(axis=1) / covariances.sum()
         return table.sort_values("share", ascending=False, ignore_index=True)
-
-
-def _noise(arm: Arm, encoder_noise: ArrayLike) -> Array:
-    is_one = np.ndim(encoder_noise) == 0
-    noise_of_joints = np.full(arm.nq, encoder_noise) if is_one else encoder_noise
-    noise = vector(noise_of_joints, arm.nq, "encoder_noise", "rad")
-    plausible.ENCODER_NOISE.check(noise, "encoder_noise")
-    return noise
-
-
-def _with_effects(model: Arm | ErrorModel) -> tuple[ErrorModel, list[str]]:
-    """The model, and labels of effects in the file of an arm without them."""
-    if isinstance(model, ErrorModel):
-        return model, []
-    try:
-        without_effects = ErrorModel(model)
-    except UnknownNameError as error:
-        raise AacmmError(
-            f"{model.name}: {error}; use ErrorModel.load in place of Arm.load"
-        ) from None
-    of_file = ErrorModel.of(model).effects
-    return without_effects, [effect.label for effect in of_file if not effect.of_reference]
 
 
 def _lacking(model: ErrorModel, q: Array, conditions: Conditions | None) -> tuple[Effect, ...]:

@@ -18,6 +18,7 @@ from aacmm_pin._support.batches import chunks
 from aacmm_pin._support.checks import Array, Index, batch, whole
 from aacmm_pin._support.display import Shown, report
 from aacmm_pin._support.units import DEG, MM
+from aacmm_pin.accuracy import zonotope
 from aacmm_pin.accuracy.tip_sensitivity import ErrorSources, omission
 from aacmm_pin.arm import COVERAGE_FACTOR, rigid_motions
 from aacmm_pin.effects import Conditions, ErrorModel, GivenModel, loaded
@@ -57,8 +58,6 @@ class AccuracyVolume(Shown):
         method: of ``volume``.
         volume: accuracy volume ``(n,)`` [m³].
         covariance: of the position ``(n, 3, 3)`` [m²]; for ``monte-carlo`` of the draws.
-        sampling_error: change of the volume with half of the draws ``(n,)`` [m³]; only for
-            ``monte-carlo``.
         conditions: of the n postures, or one record for all; None if not stated.
     """
 
@@ -67,7 +66,6 @@ class AccuracyVolume(Shown):
     method: Method
     volume: Array
     covariance: Array
-    sampling_error: Array | None = None
     conditions: Conditions | None = None
 
     @property
@@ -104,8 +102,6 @@ class AccuracyVolume(Shown):
         """The worst-case deviation ``(n,)`` [m]: the largest distance that all bounded parameters
         together cause, to first order.
         """
-        from aacmm_pin.accuracy import zonotope
-
         deviations = [np.empty(0)]
         for q, conditions in _parts(self.q, self.conditions):
             generators = self.sources.generators(self.sources.sensitivity(q, conditions))
@@ -207,10 +203,20 @@ def circle_accuracy(
     Raises:
         AacmmError: no posture within limits; see :func:`accuracy_volume` for others.
     """
-    q = circle.q[circle.within_limits]
-    if not len(q):
-        raise AacmmError(f"{circle}; expected at least one posture within limits")
+    q = usable_postures(circle)
     return accuracy_volume(circle.arm if model is None else model, q, at=circle.at, **options)
+
+
+def usable_postures(postures: PosturesAtPoint) -> Array:
+    """The postures within limits, (n, nq) [rad].
+
+    Raises:
+        AacmmError: there are none.
+    """
+    q = postures.q[postures.within_limits]
+    if not len(q):
+        raise AacmmError(f"{postures}; expected at least one posture within limits")
+    return q
 
 
 def accuracy_volume(
@@ -279,7 +285,6 @@ def accuracy_volume(
     parts = cast("Iterator[tuple[Any, ...]]", _parts(q, conditions))
     volume = np.empty(len(q))
     covariance = np.empty((len(q), 3, 3))
-    error = np.empty(len(q) if drawn else 0)
     if drawn:
         from aacmm_pin.accuracy.parameter_draws import FEWEST_DRAWS, exact_volume
 
@@ -296,12 +301,9 @@ def accuracy_volume(
     with posture_bar as progress, results(work, parts, workers) as numbered_results:
         for number, arrays in numbered_results:
             rows = slice(number * size, (number + 1) * size)
-            for of_all, of_part in zip((volume, covariance, error), arrays, strict=False):
-                of_all[rows] = of_part
+            volume[rows], covariance[rows] = arrays
             progress.update(len(arrays[0]))
-    return AccuracyVolume(
-        sources, q, method, volume, covariance, error if drawn else None, conditions
-    )
+    return AccuracyVolume(sources, q, method, volume, covariance, conditions)
 
 
 def _parts(
@@ -321,8 +323,6 @@ def _first_order(
     sources: ErrorSources, method: Method, part: tuple[Array, Conditions | None]
 ) -> tuple[Array, Array]:
     """Volume (n,) [m³] and covariance (n, 3, 3) [m²]."""
-    from aacmm_pin.accuracy import zonotope
-
     sensitivity = sources.sensitivity(*part)
     covariance = sources.covariance_of(sensitivity)
     if method == "ellipsoid":

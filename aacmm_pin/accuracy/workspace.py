@@ -24,7 +24,7 @@ from aacmm_pin._support.units import DEG, MM, MM3
 from aacmm_pin._support.workers import Workers, results
 from aacmm_pin.accuracy.comprehensive_accuracy import configuration_weights
 from aacmm_pin.accuracy.tip_sensitivity import caveats, omission
-from aacmm_pin.accuracy.volume import METHODS, AccuracyVolume, Method, accuracy_volume
+from aacmm_pin.accuracy.volume import METHODS, Method, accuracy_volume
 from aacmm_pin.arm import AT_LIMIT, Arm
 from aacmm_pin.effects import Conditions, ErrorModel, GivenModel, loaded
 from aacmm_pin.errors import AacmmError, ShapeError, UnknownNameError
@@ -257,7 +257,15 @@ def map_workspace(
     if axis is not None:
         _, direction = directed_stylus(arm, axis)
     box = _extent(arm, extent, direction)
-    probe = _probe(model, conditions, method, direction)
+    methods: list[str] = [name for name in METHODS if name != "monte-carlo"]
+    if method not in methods:
+        raise UnknownNameError("method of a map", method, methods)
+    if conditions is not None and conditions.n != 1:
+        raise ShapeError(f"conditions have {conditions.n} records; expected 1, for all cells")
+    # What the first cell would refuse is refused early.
+    q = np.clip(spread_angles(PROBES, arm.nq), *arm.limits.T)
+    at = WRIST if axis is None else arm.tip
+    probe = accuracy_volume(model, q, conditions=conditions, at=at, method=method)
     x = _middles(box[0], box[1], cells[0])
     z = _middles(box[2], box[3], cells[1])
     points = np.stack(np.meshgrid(x, 0.0, z, indexing="ij"), axis=-1).reshape(-1, 3)
@@ -322,7 +330,7 @@ def _cells(
         arrays.setdefault(variable.name, np.full(shape, np.nan))
     if not len(q):
         return arrays
-    at = _frame(arm, axis)
+    at = WRIST if axis is None else arm.tip
     accuracy = accuracy_volume(model, q, conditions=conditions, at=at, method=method)
     volume, u = accuracy.volume, accuracy.u
     best = _smallest(working.point * sectors + working.sector, volume)
@@ -341,10 +349,6 @@ def _cells(
         if posture is not None:
             arrays[posture][cells] = q[smallest]
     return arrays
-
-
-def _frame(arm: Arm, axis: Array | None) -> str:
-    return WRIST if axis is None else arm.tip
 
 
 def _smallest(groups: Index, values: Array) -> Index:
@@ -379,20 +383,6 @@ def _extent(arm: Arm, extent: ArrayLike | None, axis: Array | None) -> Array:
     if not (0 <= box[0] < box[1] and box[2] < box[3]):
         raise AacmmError(f"extent is {(box / MM).tolist()} mm; expected 0 ≤ X0 < X1 and Z0 < Z1")
     return box
-
-
-def _probe(
-    model: Arm | ErrorModel, conditions: Conditions | None, method: Method, axis: Array | None
-) -> AccuracyVolume:
-    """Accuracy of a few postures; refuses early what the first cell would refuse."""
-    methods: list[str] = [name for name in METHODS if name != "monte-carlo"]
-    if method not in methods:
-        raise UnknownNameError("method of a map", method, methods)
-    if conditions is not None and conditions.n != 1:
-        raise ShapeError(f"conditions have {conditions.n} records; expected 1, for all cells")
-    arm = ErrorModel.arm_of(model)
-    q = np.clip(spread_angles(PROBES, arm.nq), *arm.limits.T)
-    return accuracy_volume(model, q, conditions=conditions, at=_frame(arm, axis), method=method)
 
 
 def map_caveats(arm: Arm, axis: ArrayLike | None = None) -> tuple[Note, ...]:

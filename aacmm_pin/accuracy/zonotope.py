@@ -61,10 +61,9 @@ def largest_deviation(generators: Array) -> Array:
     squared_distance = np.zeros(n)
     first, second = _pairs(count)
     for part in chunks(n, max(1, min(CHUNK, MOST // (len(first) * count)))):
-        for pairs in chunks(len(first), max(1, MOST // count)):
-            for points in _corners(generators[part], first[pairs], second[pairs]):
-                farthest = np.square(points).sum(axis=2).max(axis=1)
-                squared_distance[part] = np.maximum(squared_distance[part], farthest)
+        for points in _corners(generators[part], first, second):
+            farthest = np.square(points).sum(axis=2).max(axis=1)
+            squared_distance[part] = np.maximum(squared_distance[part], farthest)
     return np.sqrt(squared_distance)
 
 

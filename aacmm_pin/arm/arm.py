@@ -462,11 +462,18 @@ class Arm(Shown):
         """
         if at is None or at == self.tip:
             return self.chain.tip
+        frame_number(self.model, at)
         dh = self.require_dh(f"looking at frame {at!r}")
-        return dh.place(self._known_row(at))
+        number = at.removeprefix("frame")
+        if not number.isdigit():
+            raise UnsupportedArmError(
+                f"{self.name}: frame {at!r} is not in the DH table; expected frame1 to "
+                f"frame{dh.rows}"
+            )
+        return dh.place(int(number))
 
     def poses(self, q: Array, at: str | None = None) -> Poses:
-        """Placements and Jacobians of frame ``at`` (default the tip) at ``q`` ``(n, nq)`` [rad], by
+        """Placements of frame ``at`` (default the tip) at ``q`` ``(n, nq)`` [rad], by
         Pinocchio.
 
         Raises:
@@ -489,8 +496,6 @@ class Arm(Shown):
 
         Columns follow :attr:`parameters`; formulas: :mod:`aacmm_pin.arm.chain`.
         """
-        if self.dh is not None:
-            self._known_row(at)
         return self._chain_to(at).position_and_sensitivity(batch(q, self.nq, "q", "rad"))[1]
 
     def jacobian(self, q: Array, at: str | None = None) -> Array:
@@ -499,18 +504,8 @@ class Arm(Shown):
 
     def _chain_to(self, at: str | None) -> Chain:
         """The chain whose tip is the origin of frame ``at``."""
-        if at is None or at == self.tip:
-            return self.chain
-        if self.dh_row(at) is not None:
-            return self.chain.cut(self.place(at))
-        frame = self.model.frames[frame_number(self.model, at)]
-        joint = frame.parentJoint - 1
-        if joint < 0:
-            return self.chain.cut(chain.BASE, frame.placement.translation)
-        return self.chain.cut(
-            self.chain.moving_axes()[joint],
-            self._in_axes_of_place(joint, frame.placement.translation),
-        )
+        place = self.place(at)
+        return self.chain if place == self.chain.tip else self.chain.cut(place)
 
     def _in_axes_of_place(self, joint: int, point: Array) -> Array:
         """A point (3,) [m] of the frame of a joint (from 0), in the axes of its place of the chain:
@@ -520,29 +515,6 @@ class Arm(Shown):
         if self.dh is not None and not self.dh.standard:
             in_place[2] -= self.dh.d[self.dh.moving][joint]
         return in_place
-
-    def _known_row(self, at: str | None) -> int:
-        row = self.dh_row(at)
-        if row is None:
-            raise UnsupportedArmError(
-                f"{self.name}: frame {at!r} is not in the DH table; expected frame1 to "
-                f"frame{self.chain.rows}"
-            )
-        return row
-
-    def dh_row(self, at: str | None = None) -> int | None:
-        """The DH row whose frame is ``at`` (default the tip), or None.
-
-        Raises:
-            UnknownNameError: the frame is unknown.
-        """
-        if self.dh is None:
-            return None
-        if at is None or at == self.tip:
-            return self.dh.rows
-        frame_number(self.model, at)
-        number = at.removeprefix("frame")
-        return int(number) if number.isdigit() else None
 
 
 def _of_urdf_file(file: UrdfArmFile, path: str) -> Arm:

@@ -162,12 +162,9 @@ class Chain:
                 links.append(np.eye(4))
         return np.stack(links)
 
-    def cut(self, place: int, offset: Array | None = None) -> Chain:
-        """The chain to ``place``, shifted by ``offset`` (3,) [m] in its axes."""
-        tip = np.eye(4)
-        if offset is not None:
-            tip[:3, 3] = offset
-        constant = np.append(self.constant[: place + 1], tip[None], axis=0)
+    def cut(self, place: int) -> Chain:
+        """The chain to ``place``."""
+        constant = np.append(self.constant[: place + 1], np.eye(4)[None], axis=0)
         moved = np.append(self.moved[: place + 1], -1)
         reached = self.parameters[:, :1] <= place
         parameters = np.where(reached, self.parameters, NO_PLACE)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from pathlib import Path
 
 import numpy as np
@@ -26,7 +25,7 @@ def corrected_urdf(arm: Arm, tip_shift: Array | None = None) -> bytes:
         tip_shift: of the tip in its own axes (3,) [m], or None.
 
     Raises:
-        AacmmError: the file is unreadable or has changed.
+        AacmmError: the file is unreadable.
         UnsupportedArmError: no URDF file, or no fixed joint can shift the tip.
     """
     urdf = arm.urdf_file.urdf
@@ -38,10 +37,6 @@ def corrected_urdf(arm: Arm, tip_shift: Array | None = None) -> bytes:
         content = Path(urdf.file).read_bytes()
     except OSError as error:
         raise AacmmError(f"{urdf.file}: the file cannot be read: {error.strerror}") from None
-    if hashlib.sha256(content).hexdigest() != urdf.sha256:
-        raise AacmmError(
-            f"{urdf.file}: the file changed after {arm.name} was loaded; load the arm again"
-        )
     robot = parsed_urdf(content, urdf.file)
     joints = {joint.get("name"): joint for joint in robot.findall("joint")}
     motions = {}  # of each joint's placement, in its own axes

@@ -24,16 +24,9 @@ def into_limits(q: Array, limits: Array) -> Array:
     revolution = 2 * np.pi
     finite = np.isfinite(limits).all(axis=1)
     lower, upper = np.where(finite, limits.T, [[-np.pi], [np.pi]])
-    # In [lower, lower + 2π); exact where no revolution is needed.
-    lowest = q + revolution * np.ceil((lower - AT_LIMIT - q) / revolution)
-    below = lowest - revolution
-    outside = lowest > upper + AT_LIMIT
-    nearer_below = outside & (lower - below < lowest - upper)
-    possible = np.maximum(np.floor((upper + AT_LIMIT - lowest) / revolution), 0.0)
-    middle = 0.5 * (lower + upper)
-    to_middle = np.ceil((middle - lowest) / revolution - 0.5 - AT_LIMIT)
-    inside = lowest + revolution * np.clip(to_middle, 0.0, possible)
-    return np.asarray(np.where(nearer_below, below, inside))
+    # Exact where no revolution is needed; of two equally near angles the lower one.
+    revolutions = np.ceil((0.5 * (lower + upper) - q) / revolution - 0.5 - AT_LIMIT)
+    return np.asarray(q + revolution * revolutions)
 
 
 def outside_limits(q: Array, limits: Array) -> Mask:

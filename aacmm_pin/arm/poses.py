@@ -16,7 +16,7 @@ from aacmm_pin._support.units import count
 
 @dataclass(frozen=True, eq=False)
 class Poses(Shown):
-    """Placements and Jacobians of one frame, computed by Pinocchio at the first use.
+    """Placements of one frame, computed by Pinocchio at the first use.
 
     Attributes:
         q: ``(n, nq)`` [rad; m for prismatic joints], with joints that follow others.
@@ -45,15 +45,3 @@ class Poses(Shown):
     def position(self) -> Array:
         """The origin of the frame in the base, ``(n, 3)`` [m]."""
         return self.placement[:, :3, 3]
-
-    @cached_property
-    def jacobian(self) -> Array:
-        """Its Jacobian in ``LOCAL_WORLD_ALIGNED``, linear part first, ``(n, 6, nq)``."""
-        model = self.model
-        data = self.model.createData()
-        jacobians = np.empty((len(self.q), 6, self.q.shape[1]))
-        for k, q in enumerate(self.q):
-            jacobians[k] = pin.computeFrameJacobian(
-                model, data, q, self.frame_id, pin.LOCAL_WORLD_ALIGNED
-            ).reshape(6, -1)
-        return jacobians

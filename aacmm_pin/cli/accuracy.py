@@ -14,7 +14,8 @@ from aacmm_pin.accuracy import (
     METHODS,
     Method,
     circle_accuracy,
-    length_uncertainty_between,
+    length_uncertainty,
+    usable_postures,
 )
 from aacmm_pin.cli.arm_options import EncoderNoise, UncertainArm, restrict_to_known_range
 from aacmm_pin.cli.command import command
@@ -90,7 +91,9 @@ def run(
             if output is not None or files.plot is not None or method != METHODS[0]:
                 raise typer.BadParameter("--to cannot be combined with --csv, --plot or --method")
             ends = circle, orientation.postures(model.arm, to)
-            length = length_uncertainty_between(*ends, model, encoder_noise)
+            length = length_uncertainty(
+                model, *map(usable_postures, ends), at=circle.at, encoder_noise=encoder_noise
+            )
             summary, document = length_summary(*ends, length), length_document(length)
         else:
             rng = np.random.default_rng(seed)

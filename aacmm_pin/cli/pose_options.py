@@ -109,7 +109,7 @@ class Orientation:
         """All postures at a point (3,) [m]; an empty result states the reason."""
         has_table, tip = arm.dh is not None, self.oriented or arm.dh is None
         if has_table and self.rpy_deg is None and (arm.nq == TIP_JOINTS or not tip):
-            return configuration_circle(arm, point, tip=tip, axis=self.axis, count=self.count)
+            return configuration_circle(arm, point, axis=self.axis, count=self.count)
         rotation = None
         if self.rpy_deg is not None:
             from aacmm_pin.arm import from_roll_pitch_yaw

@@ -26,7 +26,6 @@ from aacmm_pin.postures.curve_sampling import (
     Sectors,
     arc_fractions,
     evenly,
-    flexibility,
 )
 from aacmm_pin.postures.elbow_swivel import Swivel
 from aacmm_pin.postures.postures_at_point import (
@@ -93,7 +92,11 @@ class ConfigurationCircle(PosturesAtPoint):
         Args:
             sectors: equal sectors of the swivel angle; the posture at the centre decides.
         """
-        return flexibility(self.components, self.arm.limits, sectors)
+        limits = self.arm.limits
+        states = Sectors.of(self.components, limits, whole(sectors, 1, "sectors"))
+        (arc_fraction,) = arc_fractions(self.components, limits)
+        working = tuple(states.working[0].tolist())
+        return Flexibility(float(states.zeta[0]), working, float(arc_fraction))
 
     def columns(self) -> dict[str, Any]:
         """Return the columns of :meth:`PosturesAtPoint.columns`, then the signs of
@@ -123,7 +126,6 @@ def configuration_circle(
     arm: GivenArm,
     point: ArrayLike,
     *,
-    tip: bool = False,
     axis: ArrayLike | None = None,
     rest: ArrayLike | None = None,
     count: int = 360,
@@ -133,11 +135,9 @@ def configuration_circle(
     Args:
         arm: its first five DH rows are joints.
         point: position of the wrist or tip ``(3,)`` [m].
-        tip: if False, the wrist (origin of frame 5) is at the point, and joints after joint 4 stay
-            at ``rest``. If True, the tip is there with the stylus along ``axis``, and all six
-            joints move.
-        axis: direction of the stylus in the base ``(3,)``, of any length; only and always with
-            ``tip``.
+        axis: direction of the stylus in the base ``(3,)``, of any length. With it the tip is at the
+            point, and all six joints move. Without it the wrist (origin of frame 5) is there, and
+            joints after joint 4 stay at ``rest``.
         rest: angles of joints 5, 6, … ``(nq - 4,)`` [rad]; default nearest to 0 within limits. (Row
             5 of SINO6 is 0.037 mm long, so that θ5 slightly changes the circle.)
         count: postures on each curve, evenly spaced along the path of the elbow.
@@ -147,26 +147,17 @@ def configuration_circle(
 
     Raises:
         ShapeError: a vector has a wrong shape or is not finite.
-        AacmmError: ``axis`` without ``tip`` or the reverse, an axis of length zero, or a count
-            below 3.
+        AacmmError: ``axis`` with ``rest``, an axis of length zero, or a count below 3.
         UnsupportedArmError: no DH table with the required joints, or joint 5 moves the wrist; see
             :meth:`aacmm_pin.postures.wrist_ik.Wrist.of_arm`.
     """
     arm = as_arm(arm)
     purpose = "a configuration circle"
-    arm.require_dh(purpose, WRIST_ROW + tip, revolute=True)
     place = vector(point, 3, "point", "m")
     COORDINATE.check(place, "point")
     count = whole(count, 3, "count")
-    if tip and rest is not None:
-        raise AacmmError("rest cannot be combined with tip=True")
-    if tip and axis is None:
-        raise AacmmError(
-            "axis is missing; expected the direction of the stylus in the base with tip=True, such "
-            "as axis=[0, 0, -1]"
-        )
-    if axis is not None and not tip:
-        raise AacmmError("axis requires tip=True")
+    if axis is not None and rest is not None:
+        raise AacmmError("rest cannot be combined with axis")
     curves, components = _curves(arm, place[None], purpose, SEEDS_PER_TURN, axis, rest)
     wrist = components.wrist
     notes = open_curve_notes(curves.curves) + [Note("arm_degenerate")] * curves.degenerate
@@ -186,13 +177,19 @@ def configuration_circle(
         )
         q = into_limits(components.full(moving_q), arm.limits)
         notes += missing_notes(missing)
-    reason = ""
-    if not len(q):
-        reason = "; ".join(map(str, notes)) or _why_not(components, place)
+    reason = "" if len(q) else "; ".join(map(str, notes))
+    if not len(q) and not notes:
+        shoulder = components.swivel.shoulder
+        data = {"distance": float(np.linalg.norm(place - shoulder))}
+        code = "stylus_axis_unreachable"
+        if wrist is not None:
+            code = "wrist_out_of_reach"
+            data["nearest"], data["farthest"] = reach_of_wrist(wrist, shoulder)
+        reason = str(Note(code, data))
     return ConfigurationCircle(
         arm=arm,
         point=place,
-        at=arm.tip if tip else WRIST,
+        at=WRIST if axis is None else arm.tip,
         q=q,
         component=component + 1,
         swivel=components.swivel.angle(q, place),
@@ -222,15 +219,6 @@ def directed_stylus(arm: Arm, axis: ArrayLike) -> tuple[Array, Array]:
             f"{arm.name}: the arm states no axis of the stylus; state [stylus] in the arm file"
         )
     return arm.stylus_axis, unit_vector(axis, "axis")
-
-
-def _why_not(components: Components, point: Array) -> str:
-    shoulder = components.swivel.shoulder
-    data = {"distance": float(np.linalg.norm(point - shoulder))}
-    if components.wrist is None:
-        return str(Note("stylus_axis_unreachable", data))
-    data["nearest"], data["farthest"] = reach_of_wrist(components.wrist, shoulder)
-    return str(Note("wrist_out_of_reach", data))
 
 
 class Reach(NamedTuple):

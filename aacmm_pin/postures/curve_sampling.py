@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from aacmm_pin._support.angles import wrapped
-from aacmm_pin._support.checks import Array, Index, Mask, whole
+from aacmm_pin._support.checks import Array, Index, Mask
 from aacmm_pin._support.display import Shown
 from aacmm_pin.arm import inside_part, into_limits, outside_limits
 from aacmm_pin.postures.elbow_swivel import Swivel
@@ -324,18 +324,6 @@ class Sectors:
         """Working over theoretical sectors (points,); nan without any."""
         with np.errstate(invalid="ignore"):
             return np.asarray(self.working.sum(axis=1) / self.theoretical.sum(axis=1))
-
-
-def flexibility(components: Components, limits: Array, sectors: int) -> Flexibility:
-    """Flexibility of a single point.
-
-    Raises:
-        AacmmError: ``sectors`` is below 1, or too large.
-    """
-    states = Sectors.of(components, limits, whole(sectors, 1, "sectors"))
-    working = tuple(states.working[0].tolist())
-    (arc_fraction,) = arc_fractions(components, limits)
-    return Flexibility(float(states.zeta[0]), working, float(arc_fraction))
 
 
 def arc_fractions(components: Components, limits: Array) -> Array:

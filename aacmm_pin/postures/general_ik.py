@@ -69,25 +69,17 @@ class ReachingPostures(PosturesAtPoint):
         """Length of the path in joint space from the first posture of the component, ``(n,)``
         [rad]; zero for single ones.
         """
-        travel = np.zeros(len(self))
-        for number in np.unique(self.component):
-            rows = np.flatnonzero(self.component == number)
-            lengths = np.linalg.norm(self._steps(number), axis=1)
-            travel[rows[1:]] = np.cumsum(lengths[: len(rows) - 1])
-        return travel
+        lengths = np.linalg.norm(self._steps, axis=1)
+        before = np.cumsum(lengths) - lengths
+        return np.asarray(before - before[np.searchsorted(self.component, self.component)])
 
     @property
     def arc_fraction(self) -> float:
         """Share of the curves within limits, by length in joint space; NaN for single postures."""
         if self.single or not len(self):
             return float("nan")
-        steps = {number: self._steps(number) for number in np.unique(self.component)}
-        begin = np.concatenate(
-            [self.q[self.component == number][: len(step)] for number, step in steps.items()]
-        )
-        step = np.concatenate([*steps.values()])
-        first, last = inside_part(begin, begin + step, self.arm.limits)
-        length = np.linalg.norm(step, axis=1)
+        first, last = inside_part(self.q, self.q + self._steps, self.arm.limits)
+        length = np.linalg.norm(self._steps, axis=1)
         fraction_inside = np.maximum(last - first, 0.0)
         return float((length * fraction_inside).sum() / length.sum())
 
@@ -95,11 +87,15 @@ class ReachingPostures(PosturesAtPoint):
         """Flexibility with ``arc_fraction`` only: arms without elbow have no sectors."""
         return Flexibility(float("nan"), (), self.arc_fraction)
 
-    def _steps(self, number: int) -> Array:
-        """Steps between neighbouring postures of a component, around it if closed (m, nq) [rad]."""
-        q = self.q[self.component == number]
-        is_closed = not self.single and self.curves[number - 1].closed
-        return wrapped(np.diff(q, axis=0, append=q[: int(is_closed)]))
+    @property
+    def _steps(self) -> Array:
+        """To the next posture of the component, around it if closed, else 0 (n, nq) [rad]."""
+        steps = np.zeros_like(self.q)
+        for number, curve in enumerate(self.curves, start=1):
+            rows = np.flatnonzero(self.component == number)
+            following = np.roll(rows, -1) if curve.closed else np.append(rows[1:], rows[-1:])
+            steps[rows] = wrapped(self.q[following] - self.q[rows])
+        return steps
 
     def __str__(self) -> str:
         where = f"{self._where()} for {CONDITIONS[self.conditions]}"
@@ -178,13 +174,16 @@ def reaching_postures(
     notes += [Note("arm_degenerate")] * outcome.degenerate
     reason = "" if len(q) else "; ".join(map(str, notes)) or f"{outcome}, out of reach"
     q = into_limits(q, arm.limits)
+    swivel = np.full(len(q), np.nan)
+    if arm.dh is not None and arm.dh.rows > ELBOW_JOINT and arm.dh.moving[:ELBOW_JOINT].all():
+        swivel = Swivel(arm.dh, arm.up).angle(q, place)
     return ReachingPostures(
         arm,
         place,
         arm.tip,
         q,
         component + 1,
-        _swivel(arm, q, place),
+        swivel,
         outside_limits(q, arm.limits),
         equations.count,
         curves,
@@ -226,7 +225,15 @@ def _equations(
         unit_tool = stylus if tool is None else unit_vector(tool, "tool")
         equations = Equations.of_axis(links, points, unit_tool, unit_vector(axis, "axis"))
     elif rotation is not None:
-        equations = Equations.of_pose(links, points, _rotation(rotation))
+        matrix = vector(np.ravel(rotation), 9, "rotation", "1").reshape(3, 3)
+        u, singular_values, v_transposed = np.linalg.svd(matrix)
+        deviation = float(np.abs(singular_values - 1.0).max())
+        if deviation > ORTHONORMAL or np.linalg.det(matrix) < 0:
+            raise ShapeError(
+                f"rotation: a deviation of {deviation:.1e} from orthonormal; expected a "
+                "right-handed orthonormal matrix (3, 3)"
+            )
+        equations = Equations.of_pose(links, points, u @ v_transposed)
     else:
         equations = Equations(links, points, POINT)
     if arm.nq - equations.count not in (0, 1):
@@ -236,23 +243,3 @@ def _equations(
             f"{', '.join(fitting)}"
         )
     return equations
-
-
-def _rotation(values: ArrayLike) -> Array:
-    """The exact rotation closest to a matrix that is nearly one."""
-    matrix = vector(np.ravel(values), 9, "rotation", "1").reshape(3, 3)
-    u, singular_values, v_transposed = np.linalg.svd(matrix)
-    deviation = float(np.abs(singular_values - 1.0).max())
-    if deviation > ORTHONORMAL or np.linalg.det(matrix) < 0:
-        raise ShapeError(
-            f"rotation: determinant {np.linalg.det(matrix):.6g} and a deviation of {deviation:.1e} "
-            "from orthonormal; expected a right-handed orthonormal matrix (3, 3)"
-        )
-    return np.asarray(u @ v_transposed)
-
-
-def _swivel(arm: Arm, q: Array, point: Array) -> Array:
-    """Swivel angles (n,) [rad]; nan unless the first four rows of a DH table are joints."""
-    if arm.dh is None or arm.dh.rows <= ELBOW_JOINT or not arm.dh.moving[:ELBOW_JOINT].all():
-        return np.full(len(q), np.nan)
-    return Swivel(arm.dh, arm.up).angle(q, point)

@@ -93,17 +93,14 @@ class SolutionSet:
         hits: arrivals at each find.
         family: a singular solution of no find (k,), or None.
         families: number of arrivals at such solutions.
+        ended: the limit of work is reached.
     """
 
     equations: Equations
     hits: list[int] = field(default_factory=list)
     family: Array | None = None
     families: int = 0
-
-    @property
-    def ended(self) -> bool:
-        """True if the limit of work is reached."""
-        return False
+    ended: bool = False
 
     def add(self, q: Array) -> int:
         """Add solutions (n, k) [rad]; return the number after the last new one, or 0."""
@@ -215,11 +212,6 @@ class SelfMotion(SolutionSet):
         """The curves so far."""
         return self._search.curves
 
-    @property
-    def ended(self) -> bool:
-        """See :attr:`SolutionSet.ended`."""
-        return self._search.steps <= 0
-
     def add(self, q: Array) -> int:
         """See :meth:`SolutionSet.add`."""
         ratio, _ = flattest(self.equations, q)
@@ -227,6 +219,7 @@ class SelfMotion(SolutionSet):
         newest = self._count_families(q, regular)
         curves_before = len(self.hits)
         curve = np.where(regular, self._search.add(q, regular), NO_CURVE)
+        self.ended = self._search.steps <= 0
         latest_curve = int(curve.max(initial=NO_CURVE))
         if latest_curve >= curves_before:
             first_on_it = int(np.argmax(curve))

@@ -15,7 +15,6 @@ StateOf = Callable[[Array, Index], State]
 """The arm at readings (m, nq) of records with these numbers (m,)."""
 
 TOUCHING = 1e-12
-"""[m]"""
 """Distance at which a tip is at a point [m]."""
 MOST_ROUNDS = 30
 LONGEST_STEP = 0.5
@@ -23,7 +22,7 @@ LONGEST_STEP = 0.5
 MIN_MOBILITY_RATIO = 0.01
 """Least ratio of the tip's mobilities in its directions; other postures are omitted."""
 DIFFERENT = 0.02
-"""Distance of :func:`posture_features` from which postures differ, about the same in rad."""
+"""Distance of the cosines and sines from which postures differ, about the same in rad."""
 
 
 def tip_jacobian(state: State) -> Array:
@@ -75,17 +74,6 @@ def agile(state: State) -> Mask:
     return np.asarray(is_easy.all(axis=1))
 
 
-def posture_features(arm: Arm, q: Array) -> Array:
-    """Numbers (n, k) whose distance is the difference of postures ``q`` (n, nq): 0 for a whole
-    revolution, δ for a small rotation δ.
-    """
-    slides = arm.chain.prismatic
-    low, high = joint_bounds(arm)[slides].T
-    angles = q[:, ~slides]
-    fractions = (q[:, slides] - low) / (high - low)
-    return np.hstack([np.cos(angles), np.sin(angles), fractions])
-
-
 def spread_out(features: Array, count: int, apart: float) -> Index:
     """Numbers of at most ``count`` rows, each at least ``apart`` from the others.
 
@@ -105,5 +93,10 @@ def spread_out(features: Array, count: int, apart: float) -> Index:
 
 
 def different_postures(arm: Arm, q: Array, count: int) -> Array:
-    """At most ``count`` different postures of ``q`` (n, nq)."""
-    return q[spread_out(posture_features(arm, q), count, DIFFERENT)]
+    """At most ``count`` postures of ``q`` (n, nq), different by more than whole revolutions."""
+    slides = arm.chain.prismatic
+    low, high = joint_bounds(arm)[slides].T
+    angles = q[:, ~slides]
+    fractions = (q[:, slides] - low) / (high - low)
+    features = np.hstack([np.cos(angles), np.sin(angles), fractions])
+    return q[spread_out(features, count, DIFFERENT)]

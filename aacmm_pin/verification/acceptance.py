@@ -291,7 +291,12 @@ def accept(
         AacmmError: an MPE or range is not positive, an arm does not fit the file, or all lengths
             have another unit.
     """
-    limits = checked_limits(mpe)
+    limits = dict(mpe or {})
+    names = [definition.name for definition in DEFINITIONS]
+    for name, limit in limits.items():
+        if name not in names:
+            raise UnknownNameError("characteristic", name, names)
+        MPE.check(limit, f"MPE of {name}")
     if measuring_range is not None and not (math.isfinite(measuring_range) and measuring_range > 0):
         raise AacmmError(f"measuring_range is {measuring_range} m; expected more than 0 m")
     models = {name: ErrorModel.of(arm) for name, arm in (arms or {}).items()}
@@ -336,22 +341,6 @@ def accept(
     return AcceptanceResult(
         str(path), tuple(figures), tuple(notes), points.stated, measuring_range, longest, data
     )
-
-
-def checked_limits(mpe: Mapping[str, float] | None) -> dict[str, float]:
-    """Maximum permissible errors [m].
-
-    Raises:
-        UnknownNameError: unknown characteristic.
-        AacmmError: a limit is outside ``plausible.MPE``.
-    """
-    mpe = mpe or {}
-    names = [definition.name for definition in DEFINITIONS]
-    for name, limit in mpe.items():
-        if name not in names:
-            raise UnknownNameError("characteristic", name, names)
-        MPE.check(limit, f"MPE of {name}")
-    return dict(mpe)
 
 
 def _in_range(evaluated: Evaluated, longest: float, measuring_range: float) -> Evaluated:

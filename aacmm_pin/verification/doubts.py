@@ -117,8 +117,7 @@ def _of_spheres(of_test: pd.DataFrame) -> Iterator[Note]:
             wrong_sizes.append((group, error))
     if wrong_sizes:
         group, error = max(wrong_sizes, key=lambda wrong: abs(wrong[1]))
-        more = f" and {len(wrong_sizes) - 1} more" if len(wrong_sizes) > 1 else ""
-        place = f"{PointsInFile.of(group)}{more}"
+        place = str(PointsInFile.of(group))
         yield Note("sphere_size_off", {"difference": error}).with_place(place)
 
 

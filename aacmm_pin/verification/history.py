@@ -26,8 +26,7 @@ from aacmm_pin._support.text_escaping import csv_text
 from aacmm_pin._support.units import MM, count
 from aacmm_pin.errors import AacmmError, MeasurementFileError
 from aacmm_pin.measurements import is_workbook, measurement_file, read_table
-from aacmm_pin.verification.acceptance import WORST_FIRST, AcceptanceResult
-from aacmm_pin.verification.characteristics import DEFINITIONS
+from aacmm_pin.verification.acceptance import AcceptanceResult
 
 HISTORY_COLUMNS = (
     "time",
@@ -192,19 +191,9 @@ class History(Shown):
             may_be_empty = (checks[column] == "") & (column != "value_mm")
             refuse(~(np.isfinite(numbers) | may_be_empty), column, "; expected a number")
             checks[column] = numbers
-        allowed = {"figure": [d.name for d in DEFINITIONS], "verdict": ["", *WORST_FIRST]}
-        for column, words in allowed.items():
-            expected = ", ".join(filter(None, sorted(words)))
-            refuse(~checks[column].isin(words), column, f"; expected one of {expected}")
         instruments = checks["instrument"]
         checks["instrument"] = instruments.groupby(instruments.str.casefold()).transform("first")
         checks["time"] = times
-        problems.at(
-            checks.duplicated(CHECK_KEY).to_numpy(),
-            "figure",
-            "{!r} occurs twice in this check; expected each characteristic once",
-            checks["figure"].to_numpy(),
-        )
         problems.stop()
         return cls(checks, from_file=True)
 
@@ -284,15 +273,6 @@ class History(Shown):
         table = self.checks.assign(time=[time.isoformat() for time in self.checks["time"]])
         target = files.file(path, update=self.from_file)
         target.write_text(csv_text(table), encoding="utf-8", newline="")
-
-    def save(self, path: str | Path) -> None:
-        """Write; only a history that was read replaces a file.
-
-        Raises:
-            OutputError: it cannot be written.
-        """
-        with OutputFiles() as files:
-            self.write(files, path)
 
     def plot(self, ax: Any = None) -> Any:
         """Draw the control charts."""

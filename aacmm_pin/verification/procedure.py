@@ -34,7 +34,7 @@ from aacmm_pin.measurements import (
     seed_of,
 )
 from aacmm_pin.postures import articulations, brought_to, spread_out
-from aacmm_pin.verification.characteristics import STANDARDS, definitions
+from aacmm_pin.verification.characteristics import definitions
 
 SPHERES = {"near": (0.2, 0.45), "far": (0.7, 0.95)}
 """In parts of the reach from joint 2; chosen here."""
@@ -200,18 +200,13 @@ def acceptance_procedure(
         layout.fill(standard, measuring_range, lengths)
         return layout.procedure(model.arm, seed)
 
-    if above is None and _stands(model.arm):
+    rotation, _ = model.arm.chain.at_zero
+    axis = rotation[model.arm.chain.moving_axes()[0], :, 2]
+    is_upright = abs(float(axis @ model.arm.up)) > LEAST_UPRIGHT_COSINE
+    if above is None and is_upright and float(_shoulder(model.arm) @ model.arm.up) > -MM:
         with suppress(AacmmError):  # then it is tried without that table
             return laid_out(0.0)
     return laid_out(above)
-
-
-def _stands(arm: Arm) -> bool:
-    """Joint axis 1 is upright, and joint 2 not below the base."""
-    rotation, _ = arm.chain.at_zero
-    first = arm.chain.moving_axes()[0]
-    cosine = abs(float(rotation[first, :, 2] @ arm.up))
-    return cosine > LEAST_UPRIGHT_COSINE and float(_shoulder(arm) @ arm.up) > -MM
 
 
 def _shoulder(arm: Arm) -> Array:
@@ -253,13 +248,12 @@ class _Layout:
         PROBE_DIAMETER.check(self.probe_diameter, "probe diameter")
         if not len(set(bars)) == len(bars) == len(parts):
             came = ", ".join(f"{x / MM:g}" for x in bars)
-            purpose = "both standards" if standard is None else STANDARDS[standard]
-            raise AacmmError(
-                f"lengths are {came} mm; expected {len(parts)} different lengths for {purpose}"
-            )
+            raise AacmmError(f"lengths are {came} mm; expected {len(parts)} different lengths")
         self.spheres(wanted)
-        if "single-point" in wanted:
-            self.single_points()
+        for name, zone in SEAT_ZONES.items() if "single-point" in wanted else ():
+            point, postures = self.place(*zone, 10)
+            for q in postures:
+                self.probe_point(point, q, test="single-point", feature="seat", position=name)
         if all_lengths:
             self.length_bar(bars, wanted)
         if "volumetric" in wanted:
@@ -323,12 +317,6 @@ class _Layout:
         points = center + (self.sphere_diameter + self.probe_diameter) / 2 * normals
         for k in np.argsort(posture, kind="stable"):  # posture by posture
             self.probe_point(points[k], postures[posture[k]], **cells)
-
-    def single_points(self) -> None:
-        for name, zone in SEAT_ZONES.items():
-            point, postures = self.place(*zone, 10)
-            for q in postures:
-                self.probe_point(point, q, test="single-point", feature="seat", position=name)
 
     def length_bar(self, lengths: Sequence[float], wanted: set[str]) -> None:
         """Add a bar with a point at 0 and at each length, in seven places; bidirectional lengths

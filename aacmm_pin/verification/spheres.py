@@ -69,16 +69,9 @@ def fitted_sphere(points: ArrayLike) -> FittedSphere:
         distance = np.linalg.norm(scaled - sphere[:3], axis=1)
         return np.asarray(distance - sphere[3])
 
-    def jacobian(sphere: Array) -> Array:
-        to_centre = sphere[:3] - scaled
-        lengths = np.linalg.norm(to_centre, axis=1, keepdims=True)
-        return np.column_stack([to_centre / lengths, -np.ones(len(scaled))])
-
     centre, radius = best_sphere(scaled)
     tolerances = dict.fromkeys(("xtol", "ftol", "gtol"), 1e-15)
-    fit = scipy.optimize.least_squares(
-        residuals, [*centre, radius], jac=jacobian, method="lm", **tolerances
-    )
+    fit = scipy.optimize.least_squares(residuals, [*centre, radius], jac="3-point", **tolerances)
     factor = 2 * float(np.linalg.norm(np.linalg.pinv(fit.jac)[3]))
     leverages = np.sum(np.linalg.qr(fit.jac).Q ** 2, axis=1)
     radial = fit.fun * size

@@ -64,5 +64,4 @@ def test_a_cloud_that_is_flat_has_no_volume(sino6, bounds):
     found = accuracy_volume(
         replace(sino6, parameters=tuple(known)), q, method="monte-carlo", rng=few, draws=200
     )
-    assert found.sampling_error is not None
-    assert (found.volume.tolist(), found.sampling_error.tolist()) == ([0.0], [0.0])
+    assert found.volume.tolist() == [0.0]

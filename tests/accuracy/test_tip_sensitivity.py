@@ -92,17 +92,15 @@ def by_differences(sources: ErrorSources, q: Array) -> Array:
 
 
 def test_exact_positions_are_those_of_models_made_anew(extended, rng):
-    """But for the sag and warmth of the errors of lengths, some 5e-4 of these."""
+    """But for the change of the sag and the warmth by the errors, some 5e-4 of these."""
     q = postures(extended.arm, rng, 1)
     sources = accuracy_volume(extended, q, conditions=WARM, encoder_noise=1e-5).sources
     names = [p.name for p in sources.parameters]
     errors = 2 * rng.normal(size=(12, len(names))) * sources.u
-    no_lengths = np.where([p.unit == "m" for p in sources.parameters], 0.0, errors)
-    for some, within in ((errors, 1e-7), (no_lengths, 2e-8)):
-        each = [rebuilt(extended, dict(zip(names, e, strict=True)), q, WARM) for e in some]
-        found = exact_positions(sources, q, WARM, some)
-        close(found, np.array(each), within)
-    many = np.vstack([np.zeros((ROWS_PER_BATCH, len(names))), some])
+    each = [rebuilt(extended, dict(zip(names, e, strict=True)), q, WARM) for e in errors]
+    found = exact_positions(sources, q, WARM, errors)
+    close(found, np.array(each), 1e-7)
+    many = np.vstack([np.zeros((ROWS_PER_BATCH, len(names))), errors])
     close(exact_positions(sources, q, WARM, many)[ROWS_PER_BATCH:], found, 1e-14)
 
 

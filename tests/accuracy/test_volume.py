@@ -28,7 +28,7 @@ from aacmm_pin.errors import AacmmError, ShapeError, UnknownNameError
 from aacmm_pin.postures.configurations import configuration_circle
 from tests import arm_files
 from tests.arm_files import changed
-from tests.oracle import close, derivative, perturbed_positions, zonotope_volume
+from tests.oracle import close, derivative, jacobian_of, perturbed_positions, zonotope_volume
 
 SEATS_MM = [
     (33.6323, -671.8702, 182.9355),
@@ -136,17 +136,8 @@ def test_monte_carlo_hull_nears_the_zonotope_from_inside(name, draws, n, request
     q = some(arm, n)
     exact = accuracy_volume(arm, q)
     hull = accuracy_volume(arm, q, method="monte-carlo", rng=rng, draws=draws)
-    assert hull.sampling_error is not None
-    half = accuracy_volume(
-        arm, q[:1], method="monte-carlo", rng=np.random.default_rng(20190427), draws=draws // 2
-    )
-    np.testing.assert_allclose(hull.sampling_error[0], hull.volume[0] - half.volume[0], rtol=1e-9)
-    assert (hull.sampling_error > 0).all()
     second_order = 1e-3  # errors of 1e-4 relative turn the generators by as much
     assert (hull.volume < exact.volume * (1 + second_order)).all()
-    # The sampling error of a single posture is itself a draw: both together.
-    missing = exact.volume - hull.volume
-    assert missing.sum() < 4 * hull.sampling_error.sum()
     np.testing.assert_allclose(hull.volume, exact.volume, rtol=0.02 if name == "sino6" else 0.1)
     spread = np.trace(hull.covariance, axis1=1, axis2=2) / np.trace(
         exact.covariance, axis1=1, axis2=2
@@ -168,7 +159,7 @@ def test_covariance_is_that_of_the_real_model(name, draws, request, rng):
     scale = np.sqrt(np.outer(np.diag(covariance), np.diag(covariance)))
     close(np.cov(moved.T) / scale, covariance / scale, 7 / np.sqrt(draws))
     s = numeric_sensitivity(arm, q) * widths(arm) / np.sqrt(3)
-    jacobian = arm.poses(q).jacobian[0, :3] * noise
+    jacobian = jacobian_of(arm.poses(q))[0, :3] * noise
     close((s @ s.T + jacobian @ jacobian.T) / scale, covariance / scale, 1e-6)
 
 

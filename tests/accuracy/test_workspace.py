@@ -177,7 +177,7 @@ def test_a_map_of_the_tip_is_the_circle_of_every_cell(sino6):
     reached = 0
     for i, k in np.ndindex(2, 3):
         cell, point = found.data.isel(x_mm=i, z_mm=k), cell_point(found.data, i, k)
-        circle = configuration_circle(sino6, point, tip=True, axis=axis, count=480)
+        circle = configuration_circle(sino6, point, axis=axis, count=480)
         assert bool(cell["reachable"]) == bool(len(circle))
         if len(circle):
             reached += 1
@@ -193,7 +193,7 @@ def test_a_map_of_the_tip_holds_off_the_plane(sino6):
     box = [0.5, 0.7, 0.1, 0.3]
     found = map_workspace(sino6, (1, 1), SECTORS, extent=box, axis=axis).data.isel(x_mm=0, z_mm=0)
     point = turn @ np.array([0.6, 0.0, 0.2])
-    circle = configuration_circle(sino6, point, tip=True, axis=turn @ axis, count=720)
+    circle = configuration_circle(sino6, point, axis=turn @ axis, count=720)
     u = accuracy_volume(sino6, at_centres(circle, SECTORS)[0]).u
     assert float(found["smallest_u_mm"]) == pytest.approx(1e3 * u.min(), rel=5e-3)
     assert float(found["largest_u_mm"]) == pytest.approx(1e3 * u.max(), rel=5e-3)

@@ -48,6 +48,7 @@ from tests.arm_files import changed
 from tests.cli import shell
 from tests.few_causes import FEW, NO_WAVES
 from tests.notes import data_of
+from tests.oracle import jacobian_of
 
 NOISE = {"encoder_noise": 8e-6, "reference_noise": 1.2e-5}
 
@@ -756,7 +757,7 @@ def test_torques_with_noise_and_masses_that_lack_a_payload(sino6, noise, payload
     loads = [JointCompliance(j, load_at=6).moments(state, j)[:, :, 0] for j in range(1, 7)]
     carried = [state.moment_at_axis(j) + 9.81 * payload * load for j, load in enumerate(loads, 1)]
     moment = np.stack([state.along_axis(j, each) for j, each in enumerate(carried, 1)], axis=1)
-    moved = data.reference + 2e-5 * moment[:, 2, None] * sino6.poses(data.q).jacobian[:, :3, 2]
+    moved = data.reference + 2e-5 * moment[:, 2, None] * jacobian_of(sino6.poses(data.q))[:, :3, 2]
     torque = noise * rng.standard_normal(moment.shape) - moment
     told = replace(data, reference=moved, conditions=replace(data.conditions, torque=torque))
     found = diagnosed(sino6, told)

@@ -83,6 +83,7 @@ from tests.oracle import (
     close,
     gravity_moments,
     gravity_torques,
+    jacobian_of,
     perturbed_positions,
     placements,
     postures,
@@ -577,7 +578,7 @@ def test_weights_are_those_of_pinocchio(name, arms, rng):
     of_stand = np.cross(np.cross(centre, data.mass[0] * arm.gravity), poses.position)
     close(columns(arm, BaseCompliance(), q, still)[:, :, 0], of_stand)
     for joint in range(1, arm.nq + 1):
-        expected = -holding[:, None, [joint - 1]] * poses.jacobian[:, :3, [joint - 1]]
+        expected = -holding[:, None, [joint - 1]] * jacobian_of(poses)[:, :3, [joint - 1]]
         close(columns(arm, JointCompliance(joint=joint), q, still), expected)
         measured = columns(
             arm, JointCompliance(joint=joint, torque="measured"), q, Conditions(20, torque=holding)
@@ -659,7 +660,7 @@ def test_counterbalance_is_a_weight_on_the_upper_tube(sino6, q):
     none = {"mass_kg": None, "com_mm": None}
     weight = {"a_mm": 0.0, "d_mm": 0.0, "mass_kg": 1 / 9.81, "com_mm": (0.0, 0.0, 1000.0)}
     weighted = changed("sino6", {0: none, 2: weight})
-    expected = gravity_torques(weighted, q)[:, [1]] * sino6.poses(q).jacobian[:, :3, 1]
+    expected = gravity_torques(weighted, q)[:, [1]] * jacobian_of(sino6.poses(q))[:, :3, 1]
     close(columns(sino6, Counterbalance(joint=2), q, Conditions(len(q)))[:, :, 0], expected)
 
 
@@ -679,7 +680,7 @@ def test_counterbalance_before_a_parallel_axis(arms, rng):
     along = end - start
     along /= np.linalg.norm(along, axis=1, keepdims=True)
     turn = np.einsum("ni,ni->n", z, np.cross(along, [0.0, 0.0, -1.0]))
-    expected = turn[:, None] * arm.poses(q).jacobian[:, :3, 1]
+    expected = turn[:, None] * jacobian_of(arm.poses(q))[:, :3, 1]
     assert np.abs(expected).max() > 0.1
     close(columns(arm, Counterbalance(joint=2), q, Conditions(10))[:, :, 0], expected)
 

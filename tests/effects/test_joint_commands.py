@@ -15,7 +15,7 @@ from aacmm_pin.effects.conditions import Conditions
 from aacmm_pin.effects.joint_commands import joint_commands
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.measurements.records import Measurements
-from tests.oracle import close, with_dh_errors
+from tests.oracle import close, jacobian_of, with_dh_errors
 
 pytestmark = pytest.mark.fast
 
@@ -32,7 +32,7 @@ def test_the_tip_comes_where_the_nominal_arm_has_it(name, frame, robot_file, rng
     middle, width = nominal.limits.mean(axis=1), np.ptp(nominal.limits, axis=1)
     q = middle + 0.3 * width * rng.uniform(-1, 1, (30, nominal.nq))
     # Next to a singular posture a place may be out of the real arm's reach.
-    q = q[np.linalg.svd(nominal.poses(q).jacobian, compute_uv=False)[:, -1] > 0.03]
+    q = q[np.linalg.svd(jacobian_of(nominal.poses(q)), compute_uv=False)[:, -1] > 0.03]
     assert len(q) > 15
     wanted = nominal.poses(q)
     for model in (ErrorModel(moved), ErrorModel(moved, effects)):
@@ -64,7 +64,7 @@ def test_a_tip_that_is_a_target_gets_no_commands(robot_file, rng):
     off = rng.normal(scale=1e-4, size=(6, 6))
     true, true_flange = (arm.with_placements(off, None) for arm in (target, flange))
     q = random_postures(flange, 60, rng)
-    q = q[np.linalg.svd(flange.poses(q).jacobian, compute_uv=False)[:, -1] > 0.05]
+    q = q[np.linalg.svd(jacobian_of(flange.poses(q)), compute_uv=False)[:, -1] > 0.05]
     points = true.positions(q) + 1e-6 * rng.normal(size=(len(q), 3))
     marker = Conditions(len(q), marker=np.full(len(q), "smr", dtype=object))
     noise = {"encoder_noise": 1e-7, "reference_noise": 1e-6, "hold_out": False}

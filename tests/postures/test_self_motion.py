@@ -12,7 +12,7 @@ from aacmm_pin import ReachingPostures
 from aacmm_pin._support.checks import Array
 from aacmm_pin.arm import Arm
 from aacmm_pin.postures.general_ik import reaching_postures
-from tests.oracle import by_newton, close, gaps, off_polylines
+from tests.oracle import by_newton, close, gaps, jacobian_of, off_polylines
 
 TURN = 2 * np.pi
 
@@ -58,7 +58,7 @@ def test_curves_are_closed_even_and_along_the_null_space(panda, motions):
             close(motion.travel[motion.component == number], np.cumsum(step) - step, 1e-9)
             chord = way + np.roll(way, 1, axis=0)
             chord /= np.linalg.norm(chord, axis=1)[:, None]
-            moved = np.einsum("nij,nj->ni", panda.poses(q).jacobian, chord)
+            moved = np.einsum("nij,nj->ni", jacobian_of(panda.poses(q)), chord)
             assert np.abs(moved).max() < 5 * step.max() ** 2  # of second order in the step
 
 
@@ -108,7 +108,7 @@ def test_curves_that_cross_are_followed_straight_on(rng):
     assert not motion.notes
     assert motion.component.max() == 16
     assert motion.travel.max() < 9.5  # wrong turns at crossings make longer ones
-    crossings = np.linalg.svd(ur5.poses(motion.q).jacobian, compute_uv=False)[:, -1] < 1e-2
+    crossings = np.linalg.svd(jacobian_of(ur5.poses(motion.q)), compute_uv=False)[:, -1] < 1e-2
     assert crossings.any()
     poses = ur5.poses(motion.q).placement
     close(poses[:, :3, 3], np.tile([0.4, 0.1, 0.3], (len(poses), 1)), 1e-9)

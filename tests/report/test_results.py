@@ -38,8 +38,7 @@ from aacmm_pin import (
     simulate_measurements,
 )
 from aacmm_pin._support.display import Shown
-from aacmm_pin.accuracy import QUANTITIES
-from aacmm_pin.accuracy.length import length_uncertainty_between
+from aacmm_pin.accuracy import QUANTITIES, length_uncertainty, usable_postures
 from aacmm_pin.effects import CAUSES, EncoderEccentricity, JointCompliance, SeatError
 from aacmm_pin.errors import AacmmError, UnknownNameError
 from aacmm_pin.measurements import PROBED_POINT_COLUMNS
@@ -119,8 +118,11 @@ def values(arm, calibration, found, hidden) -> dict[str, Any]:
         "Flexibility": circle.flexibility(),
         "AccuracyVolume": accuracy,
         "ErrorSources": accuracy.sources,
-        "LengthUncertainty": length_uncertainty_between(
-            circle, configuration_circle(arm, POINT[[1, 0, 2]], count=24), arm
+        "LengthUncertainty": length_uncertainty(
+            arm,
+            q,
+            usable_postures(configuration_circle(arm, POINT[[1, 0, 2]], count=24)),
+            at=circle.at,
         ),
         "WorkspaceMap": map_workspace(arm, (3, 3), 4),
         "Check": aacmm_pin.diagnosis.check_measurements(arm, calibration.fit.problem.measurements),
@@ -222,7 +224,7 @@ def test_every_result_can_be_pickled(values, arm):
     """
     urdf, circle = values["Arm of a URDF"], values["ConfigurationCircle"]
     posture, down = urdf.poses(np.full((1, 6), 0.3)), [0.0, 0.0, -1.0]
-    tip = configuration_circle(arm, POINT, tip=True, axis=down, count=6)
+    tip = configuration_circle(arm, POINT, axis=down, count=6)
     for value in (
         *values.values(),
         posture,

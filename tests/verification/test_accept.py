@@ -479,10 +479,10 @@ def test_a_probe_that_the_spheres_contradict_is_noted(data, probe, difference):
     assert told["difference"] == pytest.approx(difference, rel=0.01)
 
 
-@pytest.mark.parametrize(("columns", "words"), [(0, "theta1_deg"), (6, "theta1_deg … theta6_deg")])
-def test_arms_need_readings(data, columns, words):
+@pytest.mark.parametrize("columns", [0, 6])
+def test_arms_need_readings(data, columns):
     """Their columns may be there, and empty."""
     table = everything("single-point")
     table.assign(**{f"theta{k}_deg": "" for k in range(1, columns + 1)}).to_csv(data, index=False)
-    with pytest.raises(AacmmError, match=words):
+    with pytest.raises(AacmmError, match="no readings; expected numbers in theta1_deg"):
         accept(data, {"sino6": Arm.load("sino6")})

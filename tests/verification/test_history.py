@@ -15,6 +15,7 @@ import pandas as pd
 import pytest
 
 from aacmm_pin import Arm, accept
+from aacmm_pin._support.output_files import OutputFiles
 from aacmm_pin.errors import AacmmError, MeasurementFileError
 from aacmm_pin.report.acceptance_page import CheckDetails, acceptance_document
 from aacmm_pin.report.formats.html import page as page_of
@@ -53,6 +54,11 @@ def history(sizes: list[float]) -> History:
 
 
 SIZES = [0.020, 0.022, 0.019, 0.021, 0.024, 0.018, 0.023, 0.017]
+
+
+def saved(path: Path) -> None:
+    with OutputFiles() as files:
+        history(SIZES).write(files, path)
 
 
 @pytest.mark.parametrize(("latest", "left"), [(0.0307, False), (0.0308, True), again(0.0102, True)])
@@ -118,7 +124,7 @@ def test_a_check_is_appended_once(tmp_path):
 
 def test_an_instrument_is_one_however_it_is_written(tmp_path):
     path = tmp_path / "checks.csv"
-    history(SIZES).save(path)
+    saved(path)
     table = pd.read_csv(path)
     table.assign(instrument=(["Arm7", "ARM7", "Arm7 "] * len(table))[: len(table)]).to_csv(
         path, index=False
@@ -157,12 +163,11 @@ def test_further_figures_of_a_check_join_it(tmp_path):
         ("value_mm", "0,02"),
         ("time", "31.1.2026"),
         again("value_mm", ""),
-        again("figure", "E_Uno"),
     ],
 )
 def test_damaged_histories_are_refused(tmp_path, column, cell):
     path, data = tmp_path / "checks.csv", touches(tmp_path / "t.csv", 0.02)
-    history(SIZES).save(path)
+    saved(path)
     table = pd.read_csv(path, dtype=str, keep_default_na=False)
     table.loc[4, column] = cell
     table.to_csv(path, index=False)
@@ -181,7 +186,7 @@ def test_damaged_histories_are_refused(tmp_path, column, cell):
 
 
 def test_times_are_of_one_zone(tmp_path):
-    history(SIZES).save(path := tmp_path / "checks.csv")
+    saved(path := tmp_path / "checks.csv")
     times = pd.read_csv(path)["time"]
     path.write_text(
         path.read_text().replace("2026-01-31T00:00:00+00:00", "2026-01-31T02:00:00+02:00")

@@ -103,7 +103,7 @@ def touched_seats(
     wrist = axis is None
     count_on_curve = DENSE if wrist else count
     circles = [
-        configuration_circle(model.arm, point, tip=not wrist, axis=axis, count=count_on_curve)
+        configuration_circle(model.arm, point, axis=axis, count=count_on_curve)
         for point in printed_points()
     ]
     q = np.stack([_most_usable(circle) for circle in circles])
