@@ -75,12 +75,7 @@ class ErrorSources(Shown):
         q: Array,
         conditions: Conditions | None,
     ) -> ErrorSources:
-        """The sources of ``model`` at ``q`` (n, nq) [rad].
-
-        Raises:
-            AacmmError: no uncertainty, or the arm came without effects that its parameters are
-                correlated with.
-        """
+        """The sources of ``model`` at ``q`` (n, nq) [rad]."""
         not_passed: list[str] = []  # effects in the file of an arm without them
         if isinstance(model, Arm):
             of_file = ErrorModel.of(model).effects
@@ -188,11 +183,7 @@ class ErrorSources(Shown):
         return axes
 
     def sensitivity(self, q: Array, conditions: Conditions | None = None) -> Array:
-        """∂position/∂source at ``q`` (n, nq): (n, 3, p) [m/unit].
-
-        Raises:
-            MissingConditionError: a condition is missing.
-        """
+        """∂position/∂source at ``q`` (n, nq): (n, 3, p) [m/unit]."""
         arm = self.arm
         columns = np.array(self.columns)
         # Columns: parameters of the arm, parameters of effects, readings.
@@ -223,9 +214,6 @@ class ErrorSources(Shown):
         """Half-width times sensitivity of each bounded source: (n, 3, b) [m].
 
         Correlated sources give ``k D V √λ``, k = 2 or half-width/u.
-
-        Raises:
-            AacmmError: no parameter has bounds.
         """
         bounded = list(self.bounded)
         if not bounded:

@@ -114,9 +114,6 @@ class AccuracyVolume(Shown):
         Source: JCGM 100:2008, 5.1. The share of a parameter is ``tr(S_k (Σ Sᵀ)_k) / tr(S Σ Sᵀ)``.
         Correlated parameters share their common variance equally; a share may be negative.
 
-        Args:
-            by: what a row of the table is.
-
         Returns:
             A table, largest share first. The first column names the row (``<NA>`` for the joint of
                 a cause of the whole arm), ``u_mm`` is its RMS contribution alone, ``share`` sums to
@@ -174,11 +171,7 @@ def expanded(u: Array) -> str:
 
 
 def paired(circle: PosturesAtPoint, accuracy: AccuracyVolume) -> Index:
-    """Numbers in the circle of the postures of ``accuracy``, (n,).
-
-    Raises:
-        ShapeError: ``accuracy`` has other postures.
-    """
+    """Numbers in the circle of the postures of ``accuracy``, (n,)."""
     inside = np.flatnonzero(circle.within_limits)
     if not np.array_equal(accuracy.q, circle.q[inside]):
         raise ShapeError(
@@ -208,11 +201,7 @@ def circle_accuracy(
 
 
 def usable_postures(postures: PosturesAtPoint) -> Array:
-    """The postures within limits, (n, nq) [rad].
-
-    Raises:
-        AacmmError: there are none.
-    """
+    """The postures within limits, (n, nq) [rad]."""
     q = postures.q[postures.within_limits]
     if not len(q):
         raise AacmmError(f"{postures}; expected at least one posture within limits")

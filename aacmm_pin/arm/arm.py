@@ -254,7 +254,7 @@ class Arm(Shown):
 
         Args:
             steps: v, then ω ``(nq, 6)`` [m, rad].
-            covariance: of the placements, or None.
+            covariance: of the placements.
             exact: set all half-widths to zero.
         """
         steps = batch(steps, 6, "steps", "m, rad")
@@ -616,12 +616,7 @@ GivenArm = Arm | str | Path
 
 
 def as_arm(given: object, name: str = "arm") -> Arm:
-    """An arm, given itself, by name, or by path.
-
-    Raises:
-        UnknownNameError, ArmFileError: see :meth:`Arm.load`.
-        AacmmError: another type; ``name`` is the argument in the message.
-    """
+    """An arm, given itself, by name, or by path."""
     if isinstance(given, Arm):
         return given
     if isinstance(given, str | Path):

@@ -23,10 +23,6 @@ def corrected_urdf(arm: Arm, tip_shift: Array | None = None) -> bytes:
 
     Args:
         tip_shift: of the tip in its own axes (3,) [m], or None.
-
-    Raises:
-        AacmmError: the file is unreadable.
-        UnsupportedArmError: no URDF file, or no fixed joint can shift the tip.
     """
     urdf = arm.urdf_file.urdf
     if not urdf.file:

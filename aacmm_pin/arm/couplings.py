@@ -19,13 +19,8 @@ SINGULAR = 1e-6
 
 
 class Coupling(BaseModel):
-    """Part of a joint angle: ``ratio`` times one reading; see
-    :meth:`Arm.with_couplings`.
-
-    Attributes:
-        joint: row of the joint.
-        of: row of the encoder.
-        ratio: joint angle per reading [rad/rad; with m for prismatic joints].
+    """Part of the angle of the ``joint`` in a row: ``ratio`` times the reading ``of`` a row
+    [rad/rad; with m for prismatic joints]; see :meth:`Arm.with_couplings`.
     """
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
@@ -36,12 +31,7 @@ class Coupling(BaseModel):
 
 
 def coupling_matrix(couplings: Sequence[Coupling], rows: Sequence[int]) -> Array:
-    """∂(joint angles)/∂(readings) (nq, nq), for joints in these rows.
-
-    Raises:
-        ValueError: a row without joint, a repeated pair, an implausible ratio, or a singular
-            matrix.
-    """
+    """∂(joint angles)/∂(readings) (nq, nq), for joints in these rows."""
     matrix = np.eye(len(rows))
     stated = set()
     for number, coupling in enumerate(couplings, start=1):
@@ -139,9 +129,6 @@ class Drive:
     def limits(self, of_all: Array) -> Array:
         """Limits (nq, 2) within which all m joints are within theirs (m, 2); limits of ±2π count as
         none.
-
-        Raises:
-            UnsupportedArmError: there are no such limits.
         """
         scale = self.matrix[self.independent, np.arange(len(self.independent))][:, None]
         limits = np.sort(

@@ -108,11 +108,7 @@ def table(
     moving: list[bool] | None = None,
     slides: list[bool] | None = None,
 ) -> DHTable:
-    """Make a table from ``rows`` (rows, 4): a, d, alpha, theta_offset [m, m, rad, rad].
-
-    Raises:
-        ShapeError: wrong shape, or not finite.
-    """
+    """Make a table from ``rows`` (rows, 4): a, d, alpha, theta_offset [m, m, rad, rad]."""
     rows = batch(rows, 4, "rows", "m, m, rad, rad")
     a, d, alpha, theta_offset = rows.T
     has_joint = np.ones(len(rows), dtype=bool) if moving is None else np.array(moving, dtype=bool)

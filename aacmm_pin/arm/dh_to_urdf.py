@@ -3,8 +3,7 @@
 Every DH row becomes a moving link and a frame link, so that its numbers appear unchanged
 (``%.17g``). Standard DH puts ``Rz(θ0)`` into the origin of the joint and ``Tz(d) Tx(a) Rx(α)`` into
 that of the frame; modified DH puts ``Rx(α) Tx(a)`` into an extra fixed joint. Frames are ``frame1``
-... ``frameN`` and ``tip``. Joints are ``revolute``: Pinocchio has two numbers for a ``continuous``
-one.
+... ``frameN`` and ``tip``.
 
 For other programs, a ``stylus_offset`` without marker may shift ``tip``; in this package the error
 model adds it.

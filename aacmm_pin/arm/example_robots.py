@@ -25,11 +25,7 @@ EXAMPLE_ROBOTS = {
 
 
 def urdf_of_robot(name: str) -> Path:
-    """Path of the URDF of one of :data:`EXAMPLE_ROBOTS`.
-
-    Raises:
-        AacmmError: example-robot-data is not installed, or has no such file.
-    """
+    """Path of the URDF of one of :data:`EXAMPLE_ROBOTS`."""
     wanted, _ = EXAMPLE_ROBOTS[name]
     try:
         files = importlib.metadata.distribution(PACKAGE).files or []

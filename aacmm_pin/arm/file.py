@@ -545,12 +545,7 @@ def load_arm_file(name_or_path: str | Path) -> ArmFile:
 
 
 def read_arm_file(name_or_path: str | Path) -> ArmFile | UrdfArmFile:
-    """Read a bundled arm by name (``sino6``) or an arm file by path.
-
-    Raises:
-        UnknownNameError: neither a bundled name nor a file; lists the names.
-        ArmFileError: no TOML, or a key is unknown, missing, or invalid.
-    """
+    """Read a bundled arm by name (``sino6``) or an arm file by path."""
     name = str(name_or_path)
     if name in bundled_arms():
         resource = importlib.resources.files("aacmm_pin.arm") / "bundled" / f"{name}.toml"
@@ -566,11 +561,7 @@ def read_arm_file(name_or_path: str | Path) -> ArmFile | UrdfArmFile:
 
 
 def toml_of(content: bytes, refused: Callable[[str], AacmmError]) -> dict[str, Any]:
-    """The table of a TOML file.
-
-    Raises:
-        AacmmError: made by ``refused``.
-    """
+    """The table of a TOML file."""
     try:
         return tomllib.loads(content.decode("utf-8-sig"))
     except UnicodeDecodeError as error:
@@ -614,11 +605,7 @@ def refuse_ur_file(path: str) -> None:
 
 
 def validated(kind: type[Kind], data: dict[str, Any], path: str) -> Kind:
-    """The arm file of ``data``.
-
-    Raises:
-        ArmFileError: the data are invalid; one line for each problem.
-    """
+    """The arm file of ``data``."""
     try:
         return kind.model_validate(data)
     except ValidationError as error:

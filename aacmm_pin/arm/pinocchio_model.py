@@ -27,11 +27,7 @@ STDERR = threading.Lock()
 
 
 def built_model(text: str, path: str) -> Any:
-    """Pinocchio model of a URDF named ``path`` in errors.
-
-    Raises:
-        ArmFileError: Pinocchio refuses the URDF, with its message on stderr.
-    """
+    """Pinocchio model of a URDF named ``path`` in errors."""
     with STDERR, tempfile.TemporaryFile() as captured:
         stderr = os.dup(2)
         os.dup2(captured.fileno(), 2)
@@ -50,11 +46,7 @@ def built_model(text: str, path: str) -> Any:
 
 
 def frame_number(model: Any, name: str) -> int:
-    """Number of a frame; the link, if a joint has the same name (getFrameId would raise).
-
-    Raises:
-        UnknownNameError: no such frame; lists the frames.
-    """
+    """Number of a frame; the link, if a joint has the same name (getFrameId would raise)."""
     same = [number for number, frame in enumerate(model.frames) if frame.name == name]
     if not same:
         raise UnknownNameError("frame", name, [frame.name for frame in model.frames])
@@ -65,12 +57,7 @@ def frame_number(model: Any, name: str) -> int:
 def serial_part(
     model: Any, frame: str, followers: Mapping[str, Follower] = MappingProxyType({})
 ) -> tuple[Any, tuple[Mimic, ...]]:
-    """The chain to ``frame``, and its joints that follow others; joints beside it are locked.
-
-    Raises:
-        UnknownNameError: no such frame.
-        UnsupportedArmError: the chain is no arm, or one of its joints follows a joint beside it.
-    """
+    """The chain to ``frame``, and its joints that follow others; joints beside it are locked."""
     chain = model.supports[model.frames[frame_number(model, frame)].parentJoint].tolist()[1:]
     if len(chain) > MOST_JOINTS:
         raise UnsupportedArmError(

@@ -21,11 +21,7 @@ MOST_DRAWS = 20
 
 
 def joint_bounds(arm: Arm) -> Array:
-    """The limits less :data:`MARGIN`, (nq, 2) [rad, m]; ±π for wider limits.
-
-    Raises:
-        UnsupportedArmError: a prismatic joint without limits.
-    """
+    """The limits less :data:`MARGIN`, (nq, 2) [rad, m]; ±π for wider limits."""
     limits = arm.limits.copy()
     slides = arm.chain.prismatic
     endless = _endless(arm)
@@ -101,9 +97,6 @@ class Room:
     def postures(self, count: int, rng: np.random.Generator) -> tuple[Array, Array]:
         """Random postures (count, nq) [rad], uniform in the joints, with tips (count, 3) [m] in the
         room.
-
-        Raises:
-            AacmmError: there are too few.
         """
         admitted_q = []
         admitted_tips = []

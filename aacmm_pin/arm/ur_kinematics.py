@@ -230,9 +230,7 @@ def _xyz_rpy(placement: Array) -> tuple[list[float], list[float]]:
 
 
 def _kinematics_of_controller(text: str, place: str, robot: str) -> UrKinematics:
-    """From ``calibration.conf``: the table of the maker plus its deltas, with rows theta, d, a,
-    alpha.
-    """
+    """From ``calibration.conf``, which has deltas (theta, d, a, alpha) to the maker's table."""
     if robot not in UR_ROBOTS:
         hint = f"state the robot of {place} with --ur-robot"
         raise UnknownNameError("robot", robot, list(UR_ROBOTS), hint)

@@ -62,11 +62,7 @@ class Follower(NamedTuple):
 
 
 def read_urdf(path: str | Path) -> tuple[Any, str, dict[str, Follower]]:
-    """The Pinocchio model of a URDF file, its SHA-256, and its mimicking joints by name.
-
-    Raises:
-        ArmFileError: it is unreadable, no URDF, or implausible; names the link or joint.
-    """
+    """The Pinocchio model of a URDF file, its SHA-256, and its mimicking joints by name."""
     name = str(path)
     content = content_of(
         path, MAX_URDF_BYTES, "a URDF", lambda message: ArmFileError(name, "", message)
@@ -96,11 +92,7 @@ def read_urdf(path: str | Path) -> tuple[Any, str, dict[str, Follower]]:
 
 
 def parsed_urdf(content: bytes, path: str) -> Element:
-    """The root element; ``path`` is its name in errors.
-
-    Raises:
-        ArmFileError: no well-formed XML, or xacro.
-    """
+    """The root element; ``path`` is its name in errors."""
     parser = etree.XMLParser(resolve_entities=False, no_network=True, recover=True)
     # As the parser of Pinocchio, pass over what is blank before the XML declaration.
     xml = content.removeprefix(codecs.BOM_UTF8).lstrip()

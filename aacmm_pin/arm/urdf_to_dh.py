@@ -43,12 +43,7 @@ class StandardRow(NamedTuple):
 
 
 def dh_file(arm: Arm) -> ArmFile:
-    """Arm file, by standard DH, of an arm from a URDF: masses and limits, no half-widths.
-
-    Raises:
-        UnsupportedArmError: a joint follows another, or the arm has a DH table.
-        ArmFileError: values that no arm file has, such as equal limits.
-    """
+    """Arm file, by standard DH, of an arm from a URDF: masses and limits, no half-widths."""
     file = arm.urdf_file
     chain = arm.chain
     if arm.mimics:

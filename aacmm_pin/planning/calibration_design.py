@@ -42,15 +42,11 @@ class CalibrationPlan(PlanOfRecords):
     """Planned records for a calibration, with observability index and u.
 
     Attributes:
-        records: the measurement file to complete.
-        expected: approximate tips in the frame of the references ``(n, 3)`` [m].
-        measurements: the planned records.
         o1: observability index O1 (Borm, Menq 1991) with the existing records.
         o1_random: the same of random records, ``(RANDOM,)``.
         u: standard uncertainty of the tip after calibration, RMS over all available postures [m].
         u_random: the same of random records ``(RANDOM,)`` [m].
-        existing: number of these.
-        seed: of the random generator, or None.
+        records, expected, measurements, existing, seed: see :class:`MeasurementPlan`.
     """
 
     o1: float

@@ -39,11 +39,7 @@ def free_postures(
 def postures_at_seats(
     task: Task, count: int, above: float | None, rng: np.random.Generator
 ) -> Measurements:
-    """Postures at the existing seats, else at new ones with planned coordinates.
-
-    Raises:
-        AacmmError: the tip reaches none of the seats.
-    """
+    """Postures at the existing seats, else at new ones with planned coordinates."""
     pool = Pool.draw(task.model, above, EACH, rng)
     existing = task.existing
     observed = None if existing is None else observations_of(existing, task.setup)

@@ -111,9 +111,6 @@ def for_all(
 
     Arguments as of :func:`for_two`. ``pairs`` lists all detectable pairs, worst first: ``told`` if
     T suffices; ``why_not``: ``the same`` effect in every posture, ``too small``, or "".
-
-    Raises:
-        AacmmError: fewer than two causes are detectable.
     """
     options = [*possible_conditions(task.model, task.causes, task.temperature)]
     set_up = [option for option in options if not option.changes_arm][-1]

@@ -137,12 +137,7 @@ def prepared(
     above: float | None,
     rng: np.random.Generator,
 ) -> tuple[Task, Measurements, tuple[Note, ...]]:
-    """The task with complete noise, postures to choose from, and notes on assumptions.
-
-    Raises:
-        UnknownNameError: unknown scheme.
-        AacmmError: too few records or postures, or existing records of another arm.
-    """
+    """The task with complete noise, postures to choose from, and notes on assumptions."""
     arm = model.arm
     if scheme not in get_args(PlannedScheme):
         raise UnknownNameError("scheme", scheme, list(get_args(PlannedScheme)))

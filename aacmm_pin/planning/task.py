@@ -56,11 +56,7 @@ class Task:
 
 
 def require_separable(effects: tuple[Effect, ...], arm: Arm) -> None:
-    """Refuse causes that no plan can distinguish.
-
-    Raises:
-        AacmmError: one that every fit estimates, on a row that the arm lacks, or twice.
-    """
+    """Refuse causes that no plan can distinguish."""
     for effect in effects:
         # The tip is refitted only where the target is unknown.
         if effect.refitted and effect.location_field() != "marker":

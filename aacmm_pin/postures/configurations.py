@@ -1,7 +1,6 @@
 """The configuration circle: the postures that reach a point (Xu You et al. 2019, section 1).
 
-The wrist (origin of frame 5) is at the point with the joints after joint 4 held, or the tip with
-the stylus along an axis. Unlike the closed forms of the paper, this holds for calibrated geometry.
+Unlike the closed forms of the paper, this holds for calibrated geometry.
 """
 
 from __future__ import annotations
@@ -86,12 +85,7 @@ class ConfigurationCircle(PosturesAtPoint):
         return np.where(signs >= 0, 1, -1)
 
     def flexibility(self, sectors: int = 12) -> Flexibility:
-        """Return the flexibility ζ: the share of swivel angles with a posture within limits (eq. 1
-        of Xu You et al. 2019).
-
-        Args:
-            sectors: equal sectors of the swivel angle; the posture at the centre decides.
-        """
+        """Return the flexibility ζ, counted in so many equal ``sectors`` of the swivel angle."""
         limits = self.arm.limits
         states = Sectors.of(self.components, limits, whole(sectors, 1, "sectors"))
         (arc_fraction,) = arc_fractions(self.components, limits)
@@ -202,12 +196,7 @@ def configuration_circle(
 
 
 def directed_stylus(arm: Arm, axis: ArrayLike) -> tuple[Array, Array]:
-    """Unit direction of the stylus in the last frame (3,), and ``axis`` as one in the base (3,).
-
-    Raises:
-        ShapeError, AacmmError: ``axis`` is no direction (3,).
-        UnsupportedArmError: no DH table with exactly six joints, or no stylus axis.
-    """
+    """Unit direction of the stylus in the last frame (3,), and ``axis`` as one in the base (3,)."""
     dh = arm.require_dh("a circle of the tip", TIP_JOINTS, revolute=True)
     if dh.nq != TIP_JOINTS:
         raise UnsupportedArmError(
@@ -242,9 +231,6 @@ def reach_of_points(
 ) -> Reach:
     """Reachability of ``points`` (m, 3) [m] by the wrist, or by the tip with the stylus along
     ``axis`` (3,), over equal ``sectors`` of swivel; errors name the ``purpose``.
-
-    Raises:
-        UnsupportedArmError: no DH table with the required joints.
     """
     curves, components = _curves(arm, points, purpose, FEW_PER_TURN, axis)
     with_curves = [curve.problem for curve in curves.curves]

@@ -25,7 +25,7 @@ def tip_curves(dh: DHTable, points: Array, stylus: Array, axis: Array) -> Curves
     ``axis``.
 
     Each rotation of the last body about the stylus determines the place of the wrist. A seed is
-    where joint axes 5 and 6 have the angle of row 5. Many points together are much faster.
+    where joint axes 5 and 6 have the angle of row 5.
 
     Args:
         dh: table with exactly six joints, the first six rows.

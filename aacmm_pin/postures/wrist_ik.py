@@ -55,13 +55,7 @@ class Wrist:
 
     @staticmethod
     def of_arm(arm: Arm, purpose: str, rest: ArrayLike | None = None) -> Wrist:
-        """The wrist of an arm within limits; errors name the ``purpose``.
-
-        Raises:
-            ShapeError: see :meth:`of`.
-            UnsupportedArmError: no DH table that begins with five joints; or joint 5, not stated,
-                moves the wrist by more than :data:`MOST_LEVER`.
-        """
+        """The wrist of an arm within limits; errors name the ``purpose``."""
         wrist = Wrist.of(arm.require_dh(purpose, WRIST_ROW, revolute=True), rest, arm.limits)
         if rest is None and wrist.lever > MOST_LEVER:
             pose = ", or --rpy-deg" if arm.nq >= OF_A_POSE else ""
@@ -77,12 +71,8 @@ class Wrist:
         """Hold joints 5 and up.
 
         Args:
-            dh: a table whose first five rows are joints.
             rest: held angles (nq - 4,) [rad]; default closest to 0 inside ``limits``.
             limits: of all joints (nq, 2) [rad], or None.
-
-        Raises:
-            ShapeError: ``rest`` has another shape or is not finite.
         """
         count = dh.nq - POSITIONING
         held = np.zeros(count) if rest is None else vector(rest, count, "rest", "rad")

@@ -65,12 +65,7 @@ def brief(source: str, most: int) -> str:
 
 
 def read_file(path: str, content: bytes, models: Mapping[str, ErrorModel]) -> ProbedPoints:
-    """The probed points of a file, by its coordinates and by each arm.
-
-    Raises:
-        MeasurementFileError: a missing column, an invalid cell, or no coordinates.
-        AacmmError: readings outside the range of an effect.
-    """
+    """The probed points of a file, by its coordinates and by each arm."""
     table, lines, read_as, _ = read_table(path, content)
     problems = Problems(path, lines)
     points = read_probed_points(table, problems)

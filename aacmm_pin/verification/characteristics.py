@@ -141,11 +141,7 @@ DEFINITIONS = (
 
 
 def definitions(standard: str | None) -> list[Definition]:
-    """Characteristics of a standard, or all.
-
-    Raises:
-        UnknownNameError: unknown standard.
-    """
+    """Characteristics of a standard, or all."""
     if standard is not None and standard not in STANDARDS:
         raise UnknownNameError("standard", standard, [*STANDARDS])
     return [d for d in DEFINITIONS if standard is None or d.standard == STANDARDS[standard]]

@@ -40,11 +40,7 @@ TIMES_ITS_LIKE = 10.0
 
 
 def check_unit(probed_points: pd.DataFrame) -> None:
-    """Check that lengths are in the unit of the coordinates.
-
-    Raises:
-        AacmmError: all lengths are wrong by one factor.
-    """
+    """Check that lengths are in the unit of the coordinates."""
     for test, of_test in probed_points[probed_points["length"].notna()].groupby("test", sort=False):
         try:
             lengths = measured_lengths(of_test, both_sides=test == "length-bi")

@@ -113,11 +113,7 @@ class Evaluator:
     both_sides: bool | None = None
 
     def __call__(self, points: pd.DataFrame) -> Evaluated:
-        """Evaluate the points of a test.
-
-        Raises:
-            AacmmError: the points of a sphere lie in a plane, or a length has one end.
-        """
+        """Evaluate the points of a test."""
         table = points
         one_ended: list[PointsInFile] = []
         if self.both_sides is not None:
@@ -215,11 +211,7 @@ def _sphere(points: pd.DataFrame) -> FittedSphere:
 
 
 def measured_lengths(points: pd.DataFrame, both_sides: bool) -> pd.DataFrame:
-    """Lengths with both ends: labels, calibrated length, its u, error [m], and place.
-
-    Raises:
-        AacmmError: not two features of one point each, or enough for a sphere.
-    """
+    """Lengths with both ends: labels, calibrated length, its u, error [m], and place."""
     lengths = []
     first_rows = points.drop_duplicates([*LENGTH_KEY]).to_dict("records")
     for stated, of_length in zip(first_rows, groups_of(points, LENGTH_KEY), strict=True):

@@ -280,11 +280,7 @@ class History(Shown):
 
 
 def in_utc(text: str) -> datetime:
-    """A time in ISO 8601; UTC if it states no zone.
-
-    Raises:
-        ValueError: no such time.
-    """
+    """A time in ISO 8601; UTC if it states no zone."""
     time = datetime.fromisoformat(text)
     try:
         return _utc(time)

@@ -45,12 +45,7 @@ class FittedSphere(NamedTuple):
 
 
 def fitted_sphere(points: ArrayLike) -> FittedSphere:
-    """The sphere with the least sum of squared radial distances of ``points`` (n, 3) [m].
-
-    Raises:
-        ShapeError: fewer than four points, a wrong shape, or not finite.
-        AacmmError: points in one plane.
-    """
+    """The sphere with the least sum of squared radial distances of ``points`` (n, 3) [m]."""
     points = batch(points, 3, "points", "m")
     if len(points) < FEWEST_POINTS:
         raise ShapeError(

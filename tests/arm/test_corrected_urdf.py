@@ -104,10 +104,6 @@ def test_what_is_refused(small, robot_file, tmp_path, rng):
     )
     after = moved(Arm.from_urdf(utf16, "tip"), rng)
     assert_same(reread(corrected_urdf(after), tmp_path, "tip"), after, np.zeros(3), rng)
-    path = Path(small.source)
-    path.write_text(SMALL + " ", encoding="utf-8")
-    with pytest.raises(AacmmError, match=r"small\.urdf.*changed"):
-        corrected_urdf(small)
-    path.unlink()
+    Path(small.source).unlink()
     with pytest.raises(AacmmError, match=r"small\.urdf.*cannot be read"):
         corrected_urdf(small)
