@@ -119,20 +119,17 @@ def _links_of_row(row: DHRow, number: int, parent: str, standard: bool, is_last:
             limits=row.limits,
         )
     )
-    xyz, rpy = ((a, 0.0, d), tilt) if standard else ((0.0, 0.0, d), ZERO)
-    links.append(link_text(f"frame{number}", f"link{number}", xyz, rpy, content=_inertial(row)))
-    return links
-
-
-def _inertial(row: DHRow) -> str:
-    if row.mass_kg is None:
-        return ""
-    centre = [c * MM for c in row.com_mm or ZERO]
-    i = f"{0.4 * row.mass_kg * BODY_RADIUS**2:.17g}"
-    return f"""
-<inertial>{_origin(centre, ZERO)}<mass value="{row.mass_kg:.17g}"/>
+    inertial = ""
+    if row.mass_kg is not None:
+        centre = _origin([c * MM for c in row.com_mm or ZERO], ZERO)
+        i = f"{0.4 * row.mass_kg * BODY_RADIUS**2:.17g}"
+        inertial = f"""
+<inertial>{centre}<mass value="{row.mass_kg:.17g}"/>
   <inertia ixx="{i}" iyy="{i}" izz="{i}" ixy="0" ixz="0" iyz="0"/>
 </inertial>"""
+    xyz, rpy = ((a, 0.0, d), tilt) if standard else ((0.0, 0.0, d), ZERO)
+    links.append(link_text(f"frame{number}", f"link{number}", xyz, rpy, content=inertial))
+    return links
 
 
 def _cylinder(

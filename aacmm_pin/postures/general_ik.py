@@ -153,9 +153,9 @@ def reaching_postures(
     outcome = search(finds, arm.nq, most_starts)
     notes = []
     if finds.family is not None:
-        data = {"families": finds.families, "arrivals": outcome.arrived}
-        posture = in_degrees(finds.family)
-        notes.append(Note("singular_families_unlisted", {**data, "posture": posture}))
+        data = {"families": finds.families, "posture": in_degrees(finds.family)}
+        data["arrivals"] = outcome.arrived
+        notes.append(Note("singular_families_unlisted", data))
     if isinstance(finds, Isolated):
         q = finds.q
         component = np.arange(len(q))
@@ -163,8 +163,8 @@ def reaching_postures(
         if near.size:
             notes.append(Note("nearly_singular", {"postures": (near + 1).tolist()}))
         if outcome.stalled:
-            data = {"stalled": outcome.stalled, "starts": outcome.starts}
-            notes.append(Note("starts_stalled", data))
+            stalled = {"stalled": outcome.stalled, "starts": outcome.starts}
+            notes.append(Note("starts_stalled", stalled))
     else:
         curves = tuple(finds.curves)
         q, component, missing = np.empty((0, arm.nq)), np.arange(0), 0
@@ -227,7 +227,7 @@ def _equations(
     elif rotation is not None:
         matrix = vector(np.ravel(rotation), 9, "rotation", "1").reshape(3, 3)
         u, singular_values, v_transposed = np.linalg.svd(matrix)
-        deviation = float(np.abs(singular_values - 1.0).max())
+        deviation = np.abs(singular_values - 1.0).max()
         if deviation > ORTHONORMAL or np.linalg.det(matrix) < 0:
             raise ShapeError(
                 f"rotation: a deviation of {deviation:.1e} from orthonormal; expected a "

@@ -113,8 +113,8 @@ def _of_spheres(of_test: pd.DataFrame) -> Iterator[Note]:
             wrong_sizes.append((group, error))
     if wrong_sizes:
         group, error = max(wrong_sizes, key=lambda wrong: abs(wrong[1]))
-        place = str(PointsInFile.of(group))
-        yield Note("sphere_size_off", {"difference": error}).with_place(place)
+        note = Note("sphere_size_off", {"difference": error})
+        yield note.with_place(str(PointsInFile.of(group)))
 
 
 def _outlier(points: Array, sphere: FittedSphere) -> tuple[int, float] | None:

@@ -162,17 +162,13 @@ class History(Shown):
         if not Path(path).exists():
             return cls()
         content = measurement_file(name)
-        if is_workbook(content):  # which the written file would not be
-            raise MeasurementFileError(name, None, "", "this is a workbook; expected a CSV file")
-        for line, text in enumerate(content.splitlines(), start=1):
-            if text.lstrip().startswith(b"#"):
-                raise MeasurementFileError(
-                    name,
-                    line,
-                    "",
-                    "this line is a comment; expected no comments, because accept rewrites the "
-                    "file; delete this line",
-                )
+        if is_workbook(content) or b"\n#" in b"\n" + content:
+            raise MeasurementFileError(
+                name,
+                None,
+                "",
+                "expected a CSV file without comments (#), because accept rewrites the file",
+            )
         table, lines, *_ = read_table(name, content)
         problems = Problems(name, lines)
         if sorted(table.columns) != sorted(HISTORY_COLUMNS):

@@ -41,7 +41,6 @@ SPHERES = {"near": (0.2, 0.45), "far": (0.7, 0.95)}
 SEAT_ZONES = {"near": (0.0, 0.18), "middle": (0.4, 0.6), "far": (0.82, 1.0)}
 """In parts of the reach: inside the zones of ASME B89.4.22."""
 LENGTHS = 5
-PLACES = 7
 REPEATS = 3
 """Of lengths."""
 BALL_BARS = {"short": 1, "long": 3}
@@ -360,8 +359,8 @@ class _Layout:
             fitting = bars[admitted.reshape(CANDIDATES, -1).all(axis=1)][:TRIED]
             if not len(fitting):
                 raise AacmmError(
-                    f"{pool.arm.name}: a bar of {marks[-1] / MM:g} mm fits in {len(middles)} "
-                    f"places; expected {PLACES}; reduce --measuring-range-mm or --length-mm"
+                    f"{pool.arm.name}: a bar of {marks[-1] / MM:g} mm fits in {len(middles)} of 7 "
+                    "places; expected all; reduce --measuring-range-mm or --length-mm"
                 )
             spread = spread_out(np.concatenate([middles, fitting.mean(axis=1)]), TRIED, 0.0)
             distant = spread[spread >= len(middles)] - len(middles)
