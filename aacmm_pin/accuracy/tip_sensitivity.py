@@ -35,7 +35,7 @@ from aacmm_pin.effects import (
     of_geometry,
     sensitivity,
 )
-from aacmm_pin.errors import AacmmError, MissingConditionError
+from aacmm_pin.errors import AacmmError, MissingConditionError, UnknownNameError
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -78,9 +78,15 @@ class ErrorSources(Shown):
         """The sources of ``model`` at ``q`` (n, nq) [rad]."""
         not_passed: list[str] = []  # effects in the file of an arm without them
         if isinstance(model, Arm):
-            of_file = ErrorModel.of(model).effects
+            arm = model
+            try:
+                model = ErrorModel(arm)
+            except UnknownNameError as error:
+                raise AacmmError(
+                    f"{arm.name}: {error}; use ErrorModel.load in place of Arm.load"
+                ) from None
+            of_file = ErrorModel.of(arm).effects
             not_passed = [effect.label for effect in of_file if not effect.of_reference]
-            model = ErrorModel(model)
         extra_effects = chain.from_iterable(map(extra_uncertainty_effects, model.effects))
         model = replace(model, effects=(*model.effects, *extra_effects))
         left_out = _lacking(model, q, conditions)
