@@ -26,7 +26,7 @@ TOKENS: dict[str, int] = {
     "postures": 22850,
     "measurements": 23050,
     "accuracy": 12200,
-    "calibration": 53100,
+    "calibration": 52500,
     "diagnosis": 46400,
     "planning": 11800,
     "verification": 14150,

@@ -29,8 +29,8 @@ from aacmm_pin.effects import StylusOffset
 ONE_TURN = 2 * np.pi
 """A larger angle was hardly in radians [rad]."""
 SLIPS_OF_LENGTHS = (-1.0, 10.0, 0.1)
-LEAST_LENGTH = 2e-3
-"""Shorter lengths of a row are not looked at [m]."""
+LEAST_CHANGE = 4e-3
+"""Least change of a length or twist that is a mistake [m, rad]."""
 EXCHANGED = {
     ("a_mm", "d_mm", "alpha_rad", "theta_offset_rad"): "rows_exchanged",
     ("a_mm",): "values_exchanged",
@@ -65,6 +65,8 @@ ANGLE_UNITS = {
     ("turns", "radians"): 360.0 * DEG,
 }
 """The same for angles."""
+BY_RECORDS = 10
+"""Free numbers that a value by the records counts as."""
 GEAR_RATIOS = (1 / 3, 0.5, 2 / 3, 1.5, 2.0, 3.0)
 """Ratios of gears that an encoder may be in front of."""
 SAME_UNIT = 0.05
@@ -86,7 +88,8 @@ class Mistake:
         bars: factors of the lengths of bars, by their labels.
         options: of the set-up that were left out.
         arm: None for the arm as described.
-        by_records: whether the records choose its value.
+        free_numbers: how many numbers it leaves open, which may absorb other mistakes; many if the
+            records choose its value.
     """
 
     code: str
@@ -98,18 +101,12 @@ class Mistake:
     bars: Mapping[str, float] = field(default_factory=dict)
     options: _Values = field(default_factory=dict)
     arm: Arm | None = None
-    by_records: bool = False
+    free_numbers: int = 0
 
     @property
     def changes_targets(self) -> bool:
         """Whether it is in coordinates or lengths of bars."""
         return bool(self.step or self.bars) or not np.array_equal(self.axes, np.eye(3))
-
-    @property
-    def free_numbers(self) -> int:
-        """How many numbers it leaves open, which may absorb other mistakes."""
-        numbers_of_option = {"reference_frame": 6, "target": 3}
-        return 10 * self.by_records + sum(numbers_of_option[option] for option in self.options)
 
     def undone(self, problem: Problem) -> Problem:
         """Return the problem without the mistake."""
@@ -141,7 +138,7 @@ class Mistake:
         return replace(problem, measurements=changed, setup=setup, targets=())
 
 
-OTHER_FRAME = Mistake("other_frame", options={"reference_frame": "external"})
+OTHER_FRAME = Mistake("other_frame", options={"reference_frame": "external"}, free_numbers=6)
 
 
 def single_mistakes(problem: Problem) -> Iterator[Mistake]:
@@ -184,7 +181,7 @@ def _mistakes_in_coordinates(problem: Problem) -> Iterator[Mistake]:
         yield OTHER_FRAME
     has_offset = any(isinstance(effect, StylusOffset) for effect in problem.vector.effects)
     if problem.setup.target != "unknown" and not has_offset:
-        yield Mistake("target_off_tip", options={"target": "unknown"})
+        yield Mistake("target_off_tip", options={"target": "unknown"}, free_numbers=3)
     for (unit, taken), factor in LENGTH_UNITS.items():
         if not _is_small(problem.model.arm.file):
             data = {"unit": unit, "taken": taken}
@@ -194,7 +191,7 @@ def _mistakes_in_coordinates(problem: Problem) -> Iterator[Mistake]:
     spread, scaled = (np.median(np.abs(xyz - np.median(xyz, axis=0))) for xyz in (tips, references))
     scale = float(spread / max(scaled, LEAST_DIVISOR))
     scaling = {"axes": [*"xyz"], "factor": 1 / scale}
-    yield Mistake("coordinates_scaled", scaling, axes=scale * np.eye(3), by_records=True)
+    yield Mistake("coordinates_scaled", scaling, axes=scale * np.eye(3), free_numbers=BY_RECORDS)
     if placed.all():
         for where, step in (("before", 1), ("after", -1)):
             yield Mistake("rows_shifted", {"where": where}, step=step)
@@ -312,19 +309,18 @@ def _mistakes_in_row(file: ArmFile, number: int) -> Iterator[tuple[str, _Values,
     """Code and data of each mistake in one row (from 0), and the correct values."""
     row = file.joints[number]
     yield "row_exchanged", {"row": number + 1}, {"a_mm": row.d_mm, "d_mm": row.a_mm}
-    for key in ("a_mm", "d_mm"):
+    for key, unit, factor in (("a_mm", "mm", MM), ("d_mm", "mm", MM), ("alpha_rad", "°", 1.0)):
         stated = getattr(row, key)
-        for factor in SLIPS_OF_LENGTHS if abs(stated) * MM > LEAST_LENGTH else ():
-            data = {"parameter": f"{key[0]}{number + 1}", "stated": stated * MM}
-            data["likely"] = factor * stated * MM
-            yield "length_mistyped", data, {key: factor * stated}
-    twist = {"row": number + 1, "alpha": row.alpha_rad}
-    if abs(np.sin(row.alpha_rad)) > LEAST_SINE:
-        yield "twist_reversed", twist, {"alpha_rad": -row.alpha_rad}
-    for degrees in QUARTERS[1:]:
-        alpha = float(np.remainder(row.alpha_rad + degrees * DEG + np.pi, ONE_TURN) - np.pi)
-        if abs(alpha + row.alpha_rad) >= LEAST_SINE:  # not the opposite sign
-            yield "twist_mistyped", twist | {"likely": alpha}, {"alpha_rad": alpha}
+        others = [slip * stated for slip in SLIPS_OF_LENGTHS]
+        if unit == "°":
+            turned = stated + DEG * np.array(QUARTERS[1:])
+            turned = np.remainder(turned + np.pi, ONE_TURN) - np.pi
+            others = [-stated, *turned[np.abs(turned + stated) > LEAST_CHANGE].tolist()]
+        for other in others:
+            if factor * abs(other - stated) > LEAST_CHANGE:
+                name = f"{key.split('_')[0]}{number + 1}"
+                data = {"parameter": name, "unit": unit, "stated": factor * stated}
+                yield "wrong_value", {**data, "found": factor * other}, {key: other}
 
 
 def _is_small(file: object) -> bool:
@@ -351,7 +347,7 @@ def mistake_in_value(after: Fit) -> Iterator[Mistake]:
     if wrong is not None:
         arm = after.problem.model.arm
         changed = moved_arm(arm, wrong.errors, arm.covariance)
-        yield Mistake(wrong.note.code, wrong.note.data, arm=changed, by_records=True)
+        yield Mistake(wrong.note.code, wrong.note.data, arm=changed, free_numbers=BY_RECORDS)
 
 
 def several_columns(problem: Problem) -> Iterator[tuple[Mistake, ...]]:

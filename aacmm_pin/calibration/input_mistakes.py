@@ -31,7 +31,6 @@ from aacmm_pin.calibration.estimation import FIRST_SCATTER, fit
 from aacmm_pin.calibration.fit import Fit
 from aacmm_pin.calibration.noise_model import NoiseModel, Scatters, observations_of
 from aacmm_pin.calibration.odd_relations import odd_relation, require_possible_relations
-from aacmm_pin.calibration.parameter_vector import DH_KIND_OF_EFFECT
 from aacmm_pin.calibration.parameters import ASSEMBLED, asked_again, problem_of
 from aacmm_pin.calibration.problem import Problem
 from aacmm_pin.calibration.session_frames import another_frame
@@ -39,7 +38,7 @@ from aacmm_pin.calibration.setup import sessions_of
 from aacmm_pin.calibration.solver import initial_point, solve
 from aacmm_pin.calibration.wrong_columns import LEAST_DIVISOR, SIMILAR_RATIO
 from aacmm_pin.calibration.wrong_values import wrong_value
-from aacmm_pin.effects import JointPlacement, LinkTilt, StylusOffset
+from aacmm_pin.effects import StylusOffset
 from aacmm_pin.errors import AacmmError, MissingConditionError, MistakenFileError
 from aacmm_pin.measurements import OF_BAR, Measurements, Observations
 
@@ -150,9 +149,8 @@ def _advice(problem: Problem) -> Note:
         if np.array_equal(readings[:, j], readings[:, k]):
             return Note("unlike_arm_copy", {"joints": [j + 1, k + 1]})
     sessions = _problems_by_session(problem)
-    parts = sessions or _first_and_last_third(problem)
-    if len(parts) > 1 and all(_fit_alone(OTHER_FRAME.undone(part)) for part in parts):
-        return Note("sessions_unlike" if sessions else "ends_fit_alone")
+    if len(sessions) > 1 and all(_fit_alone(OTHER_FRAME.undone(part)) for part in sessions):
+        return Note("sessions_unlike")
     return Note("unlike_arm")
 
 
@@ -166,14 +164,6 @@ def _problems_by_session(problem: Problem) -> list[Problem]:
             source = f"{records.source}: session {session}"
             problems.append(problem.of(replace(of_session, source=source)))
     return problems
-
-
-def _first_and_last_third(problem: Problem) -> list[Problem]:
-    records = problem.measurements
-    third = records.n // 3
-    rows = np.arange(records.n)
-    parts = (rows[:third], rows[-third:]) if third >= FEWEST_FOR_MISTAKES else ()
-    return [problem.of(records.take(part)) for part in parts]
 
 
 def _fit_alone(problem: Problem) -> Fit | None:
@@ -302,17 +292,13 @@ def _travel(problem: Problem) -> float:
 
 def _absorbs(after: Fit) -> bool:
     """Whether geometry, and the tips by it, moved farther than any arm is off."""
-    point = after.point
-    changes = np.abs(point.x - after.problem.start)
-    squares = np.square(point.prediction.jacobian[:, :3, : changes.size])
+    vector = after.problem.vector
+    changes = np.abs(after.point.x - after.problem.start)
+    squares = np.square(after.point.prediction.jacobian[:, :3, : changes.size])
     tip_motions = changes * np.sqrt(squares.sum(axis=1).mean(axis=0))
-    moves_tips = tip_motions > MOST_MOTION * ASSEMBLED["m"]
-    for effect, entries in after.problem.vector:
-        if isinstance(effect, (JointPlacement, LinkTilt, *DH_KIND_OF_EFFECT)):
-            most = MOST_MOTION * np.array([ASSEMBLED[term.unit] for term in effect.terms])
-            if ((changes[entries] > most) & moves_tips[entries]).any():
-                return True
-    return False
+    widths = np.array([ASSEMBLED.get(parameter.unit, np.inf) for parameter in vector.parameters])
+    is_far = (changes > MOST_MOTION * widths) & (tip_motions > MOST_MOTION * ASSEMBLED["m"])
+    return bool((is_far & vector.geometric).any())
 
 
 def _as_described(problem: Problem) -> Problem:

@@ -1,7 +1,7 @@
 """Whether one geometric value of the arm file is wrong, and its value by the records.
 
-After a free fit, each in turn is taken to be wrong, the others to be as stated: formulas of one
-matrix in a linear model.
+After a free fit, each in turn is taken to be wrong, the others to be as stated: a deletion residual
+(Belsley, Kuh, Welsch 1980, eq. 2.27) of what is stated of it.
 """
 
 from __future__ import annotations
@@ -18,7 +18,6 @@ from aacmm_pin.arm import Parameter
 from aacmm_pin.calibration.calibrated_arm import moved_arm
 from aacmm_pin.calibration.estimation import fit
 from aacmm_pin.calibration.fit import Fit
-from aacmm_pin.calibration.least_squares import remaining_triangle
 from aacmm_pin.calibration.parameters import asked_again, free_geometry
 from aacmm_pin.calibration.problem import Problem
 from aacmm_pin.effects import StylusOffset
@@ -53,8 +52,8 @@ FAR_OFF = 4.0
 """A fit that moves values by fewer standard uncertainties gives no reason to search."""
 PER_PARAMETER = 6.0
 """Gain in χ² per further value with which all zeros are more probable than one value."""
-LEAST_NOISE = 1e-6
-"""Least noise of the records, for rounding [m]."""
+LEAST_PART_OF_USUAL = 1e-3
+"""Least uncertainty by the records, as a part of the usual one, for rounding."""
 SAME_SIZE = 0.02
 """Relative difference of values that have the wrong sign."""
 
@@ -74,32 +73,84 @@ def wrong_value(after: Fit) -> WrongValue | None:
     """The wrong geometric value of the arm file, or all zeros; None if values are about as stated,
     if none explains the others, or if another is wrong with it corrected.
     """
-    values = _geometry_by_records(after)
-    if values is None:
-        return None
     problem = _thinned(after.problem)
     described = problem.model.arm
-    for wrong in _wrong_values(values):
+    for wrong in _likely_values(after):
         arm = moved_arm(described, wrong.errors, described.covariance)
         try:
             corrected = fit(asked_again(problem, replace(problem.model, arm=arm), problem.setup))
         except AacmmError:
             continue
-        remaining = _geometry_by_records(corrected)
-        if remaining is None or not any(_wrong_values(remaining)):
+        if not any(_likely_values(corrected)):
             return wrong
     return None
 
 
-def _geometry_by_records(after: Fit) -> _Geometry | None:
+def _likely_values(after: Fit) -> Iterator[WrongValue]:
+    """All zeros, or values that each explain more than all others together, best first."""
+    errors = _errors_of_values(after)
+    if errors is None:
+        return
+    parameters, zeros = errors.parameters, errors.zeros
+    precision = np.linalg.inv(errors.covariance + np.diag(errors.usual**2))
+    pulls = precision @ errors.values
+    cost = float(errors.values @ pulls)
+    # Each as a case that is left out: its error, and how much lower χ² is.
+    singly = pulls / np.diag(precision)
+    gains = pulls * singly
+    best = int(np.argmax(gains))
+    if zeros.size > 1:
+        of_zeros = np.linalg.solve(precision[np.ix_(zeros, zeros)], pulls[zeros])
+        gain = float(of_zeros @ pulls[zeros])
+        # All zeros are more probable than any one value.
+        if gain - gains[best] > LEAST_GAIN_OF_VALUE + PER_PARAMETER * zeros.size:
+            largest = float(np.abs(of_zeros).max())
+            if gain > LEAST_DOMINANCE * (cost - gain) and largest > LEAST_WRONG["rad"]:
+                note = Note("zeros_off", {"joints": zeros.size, "largest": largest})
+                names = [parameters[k].name for k in zeros]
+                yield WrongValue(note, dict(zip(names, of_zeros.tolist(), strict=True)))
+            return
+    information = np.linalg.inv(errors.covariance)
+    lengths = np.sqrt(np.diag(information))
+    same_effect = np.abs(information) >= ONE_EFFECT * np.outer(lengths, lengths)
+    rivals = (gains > gains[best] - RIVAL_GAIN) & ~same_effect[best]
+    if rivals.sum() >= MOST_ALIKE:
+        return
+    is_sure = gains > np.maximum(LEAST_GAIN_OF_VALUE, LEAST_DOMINANCE * (cost - gains))
+    by_gain = np.argsort(-gains, kind="stable")
+    for number in by_gain[is_sure[by_gain]][:MOST_ALIKE].tolist():
+        others = np.flatnonzero(same_effect[number]).tolist()
+        same = [parameters[k].name for k in others if k != number]
+        wrong = _wrong_value_of(parameters[number], float(singly[number]), same)
+        if wrong is not None:
+            yield wrong
+
+
+class _Errors(NamedTuple):
+    """Errors of geometric values by the records alone.
+
+    Attributes:
+        zeros: numbers of those that are zeros of joints.
+        values: (p,) [units].
+        covariance: (p, p) [units].
+        usual: standard uncertainties (p,) [units].
+    """
+
+    parameters: tuple[Parameter, ...]
+    zeros: Index
+    values: Array
+    covariance: Array
+    usual: Array
+
+
+def _errors_of_values(after: Fit) -> _Errors | None:
     """After a free fit; None if values are about as stated. The tip of a URDF is uncertain too."""
     problem = after.problem
     geometric = np.flatnonzero(problem.vector.geometric)
     if not geometric.size or not after.determines_noise:
         return None
     changes = np.abs(after.point.x - problem.start)[geometric]
-    usual = _usual(problem, geometric)
-    if after.scatter == 0.0 and (changes < FAR_OFF * usual).all():
+    if after.scatter == 0.0 and (changes < FAR_OFF * _usual(problem, geometric)).all():
         return None
     asked = _thinned(problem)
     has_offset = any(isinstance(effect, StylusOffset) for effect in problem.vector.effects)
@@ -110,10 +161,18 @@ def _geometry_by_records(after: Fit) -> _Geometry | None:
         free = fit(free_geometry(asked))
     except AacmmError:
         return None
-    values = _Geometry.of(free, geometric, _usual(asked, geometric))
-    if values.zeros.size == geometric.size and not asked.stated[geometric].any():
+    of_entries = [asked.vector.arm_parameters[k] for k in geometric]
+    parameters = tuple(p for p in of_entries if p is not None)
+    chain = asked.model.arm.chain
+    turning = np.array(chain.moving_rows())[~chain.prismatic]
+    zeros = [p.kind in ZERO_KINDS and p.joint in turning for p in parameters]
+    if all(zeros) and not asked.stated[geometric].any():
         return None  # a user asked for zeros of which nothing is stated
-    return values
+    steps = free.system.independent_steps[geometric]
+    values = (free.point.x - asked.start)[geometric]
+    usual = _usual(asked, geometric)
+    covariance = steps @ steps.T + np.diag(np.square(LEAST_PART_OF_USUAL * usual))
+    return _Errors(parameters, np.flatnonzero(zeros), values, covariance, usual)
 
 
 def _thinned(problem: Problem) -> Problem:
@@ -127,102 +186,8 @@ def _usual(problem: Problem, geometric: Index) -> Array:
     return np.where(problem.stated[geometric], problem.widths[geometric], usual)
 
 
-class _Geometry(NamedTuple):
-    """Geometric values by the records alone: ``|R x - y|²`` of their errors x.
-
-    Attributes:
-        zeros: numbers of those that are zeros of joints.
-        rows: R (k, p) [1/unit].
-        measured: y (k,).
-        usual: standard uncertainties (p,).
-    """
-
-    parameters: tuple[Parameter, ...]
-    zeros: Index
-    rows: Array
-    measured: Array
-    usual: Array
-
-    @staticmethod
-    def of(free: Fit, geometric: Index, usual: Array) -> _Geometry:
-        problem = free.problem
-        system = free.system
-        prior = system.prior.rows
-        prior_of_others = prior[(prior[:, geometric] == 0.0).all(axis=1)]
-        all_rows = np.concatenate([prior_of_others, system.measured_triangle])
-        others = np.setdiff1d(np.arange(system.prior.scales.size), geometric)
-        triangle = remaining_triangle(all_rows[:, [*others, *geometric, -1]], others.size)
-        rows = triangle[:, :-1] / system.prior.scales[geometric]
-        # No more information than of records with the least noise.
-        root_of_count = LEAST_NOISE * np.abs(rows).max()
-        scale = min(1.0, np.sqrt(problem.measurements.n) / root_of_count)
-        rows = scale * rows
-        measured = rows @ (free.point.x - problem.start)[geometric] - scale * triangle[:, -1]
-        of_entries = [problem.vector.arm_parameters[k] for k in geometric]
-        parameters = tuple(p for p in of_entries if p is not None)
-        chain = problem.model.arm.chain
-        turning = np.array(chain.moving_rows())[~chain.prismatic]
-        zeros = [p.kind in ZERO_KINDS and p.joint in turning for p in parameters]
-        return _Geometry(parameters, np.flatnonzero(zeros), rows, measured, usual)
-
-    def with_free(self, wrong: Index) -> tuple[float, Array]:
-        """Decrease of χ² by errors of usual size, of any size for ``wrong`` (k,); and the errors
-        (p,).
-        """
-        widths = self.usual.copy()
-        widths[wrong] = 1e3 * np.array([USUAL[self.parameters[k].unit] for k in wrong])
-        rows = np.concatenate([self.rows, np.diag(1 / widths)])
-        measured = np.append(self.measured, np.zeros(widths.size))
-        errors = np.linalg.lstsq(rows, measured)[0]
-        explained = rows @ errors
-        return float(explained @ explained), np.asarray(errors, np.float64)
-
-    def cosines(self, number: int) -> Array:
-        """Of the effects of all values with that of one (p,); 0 without effect."""
-        lengths = np.linalg.norm(self.rows, axis=0)
-        products = np.abs(self.rows.T @ self.rows[:, number])
-        cosines = np.zeros_like(products)
-        np.divide(products, lengths * lengths[number], out=cosines, where=lengths > 0.0)
-        return cosines
-
-
-def _wrong_values(values: _Geometry) -> Iterator[WrongValue]:
-    """All zeros, or values that each explain more than all others together, best first."""
-    numbers = np.arange(len(values.parameters))
-    gain_of_none, _ = values.with_free(numbers[:0])
-    gain_of_all, _ = values.with_free(numbers)
-    gains_and_errors = [values.with_free(np.array([k])) for k in numbers]
-    gains = np.array([gain for gain, _ in gains_and_errors])
-    best = int(np.argmax(gains))
-    if values.zeros.size > 1:
-        gain, errors = values.with_free(values.zeros)
-        # All zeros are more probable than any one value.
-        if gain - gains[best] > LEAST_GAIN_OF_VALUE + PER_PARAMETER * values.zeros.size:
-            largest = float(np.abs(errors[values.zeros]).max())
-            dominate = gain - gain_of_none > LEAST_DOMINANCE * (gain_of_all - gain)
-            if dominate and largest > LEAST_WRONG["rad"]:
-                note = Note("zeros_off", {"joints": values.zeros.size, "largest": largest})
-                of_zeros = {values.parameters[k].name: float(errors[k]) for k in values.zeros}
-                yield WrongValue(note, of_zeros)
-            return
-    has_other_effect = values.cosines(best) < ONE_EFFECT
-    rivals = (gains > gains[best] - RIVAL_GAIN) & has_other_effect
-    if rivals.sum() >= MOST_ALIKE:
-        return
-    is_sure = gains - gain_of_none > np.maximum(
-        LEAST_GAIN_OF_VALUE, LEAST_DOMINANCE * (gain_of_all - gains)
-    )
-    by_gain = np.argsort(-gains, kind="stable")
-    for number in by_gain[is_sure[by_gain]][:MOST_ALIKE]:
-        error = float(gains_and_errors[number][1][number])
-        wrong = _wrong_value_of(values, int(number), error)
-        if wrong is not None:
-            yield wrong
-
-
-def _wrong_value_of(values: _Geometry, number: int, error: float) -> WrongValue | None:
-    """None if the ``error`` [its unit] is too little."""
-    parameter = values.parameters[number]
+def _wrong_value_of(parameter: Parameter, error: float, same: list[str]) -> WrongValue | None:
+    """None if the ``error`` [its unit] is too little; ``same`` names values with its effect."""
     least_change = LEAST_WRONG[parameter.unit] * (LEAST_OF_STATED if parameter.u else 1.0)
     if abs(error) < least_change:
         return None
@@ -231,14 +196,12 @@ def _wrong_value_of(values: _Geometry, number: int, error: float) -> WrongValue 
         by_records = float(np.remainder(by_records + np.pi, 2 * np.pi) - np.pi)
     data: dict[str, Any] = {"parameter": parameter.name, "unit": SHOWN_UNITS[parameter.unit]}
     data |= {"stated": parameter.value, "found": by_records}
-    same_effect = np.flatnonzero(values.cosines(number) >= ONE_EFFECT)
-    others = [values.parameters[k].name for k in same_effect if k != number]
     opposite = abs(by_records + parameter.value) < SAME_SIZE * abs(parameter.value)
     code = "wrong_sign" if opposite else "wrong_value"
     if parameter.kind in PLACEMENT_KINDS:
         code = "wrong_placement"
         data |= {"joint": parameter.joint, "motion": PLACEMENT_KINDS[parameter.kind]}
-    if others and not opposite:
+    if same and not opposite:
         code += "_or"
-        data["same"] = others
+        data["same"] = same
     return WrongValue(Note(code, data), {parameter.name: error})
