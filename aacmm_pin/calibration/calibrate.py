@@ -249,7 +249,10 @@ def counted_once(measurements: Measurements) -> tuple[Measurements, list[Note]]:
 
 
 def held_postures(measurements: Measurements, setup: Setup) -> list[Note]:
-    """A note if records of few postures, but for targets of one reading, count as independent."""
+    """A note if more than :data:`RECORDS_PER_POSTURE` records per posture count as independent.
+
+    With stated encoder noise, targets share the noise of one reading: each counts as a posture.
+    """
     changes = np.diff(measurements.postures) != 0
     if setup.encoder_noise is not None:
         marker = measurements.conditions.labels("marker")

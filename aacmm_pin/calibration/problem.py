@@ -254,7 +254,9 @@ class Problem:
         tips = frame.apply(state.position)
         if not self.turns:
             return tips
-        turns = orientation.rotation_vectors(self._orientations(state, frame), self._stated)
+        turns = orientation.rotation_vectors(
+            self._orientations(state, frame), self._stated_orientations
+        )
         return np.hstack([tips, np.where(self.measurements.oriented[:, None], turns, 0.0)])
 
     def _orientations(self, state: State, frame: Frame) -> Array:
@@ -266,7 +268,7 @@ class Problem:
         """The frame with each target turned to the mean of its stated orientations."""
         state = self._columns.at(x)
         tips = frame.rotation @ state.rotation[-1]
-        in_tip_axes = tips.transpose(0, 2, 1) @ self._stated
+        in_tip_axes = tips.transpose(0, 2, 1) @ self._stated_orientations
         targets = np.zeros((len(self.targets), 3, 3))
         for k in range(len(targets)):
             of_target = self.measurements.oriented & (self._target == k)
@@ -274,7 +276,7 @@ class Problem:
         return replace(frame, targets=targets)
 
     @cached_property
-    def _stated(self) -> Array:
+    def _stated_orientations(self) -> Array:
         stated = self.measurements.orientation
         return np.empty((0, 3, 3)) if stated is None else orientation.matrices(stated)
 

@@ -57,7 +57,9 @@ def likely_columns(problem: Problem) -> list[tuple[Index, Index]]:
 
 
 def likely_orders(problem: Problem) -> list[tuple[int, ...]]:
-    """The joint (from 0) of each column, best first; none for many joints."""
+    """Orders unlike that of the file: the joint (from 0) of each column, best first; none for many
+    joints.
+    """
     nq = problem.model.arm.nq
     if nq > MANY_JOINTS:
         return []
@@ -87,7 +89,9 @@ def _misfits(problem: Problem, change: Callable[[Array], Array]) -> Array:
     travel = np.median(np.linalg.norm(centred, axis=2), axis=1)
     if has_references:
         targets = records.reference[rows]
-        deviations = _registered(tips, targets) if problem.external else tips - targets
+        deviations = (
+            _deviations_after_registration(tips, targets) if problem.external else tips - targets
+        )
     else:
         seat = records.conditions.labels("seat")[rows]
         same_seat = seat[:, None] == seat
@@ -96,7 +100,7 @@ def _misfits(problem: Problem, change: Callable[[Array], Array]) -> Array:
     return np.asarray(distance / np.maximum(travel, LEAST_DIVISOR))
 
 
-def _registered(tips: Array, targets: Array) -> Array:
+def _deviations_after_registration(tips: Array, targets: Array) -> Array:
     """Tips (m, n, 3) minus targets (n, 3) in the frame of the tips, by least squares [m]."""
     centred = tips - tips.mean(axis=1, keepdims=True)
     target = targets - targets.mean(axis=0)

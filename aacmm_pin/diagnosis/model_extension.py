@@ -392,9 +392,9 @@ class _Climb:
     def best_posterior(self, previous: _PreviousRound) -> Posterior:
         """The posterior with the most probable noise.
 
-        What records of one posture share is either noise or what causes do there. So two noises are
-        tried: shared beside the round before, and nothing shared; each then with what its most
-        probable set leaves.
+        What records of one posture share is either noise or what causes do there. So the search
+        has two starts: with the error that the residuals of the round before share, and without
+        any. Each is repeated with the error that the residuals of its own set share.
         """
         if not self.noise.repeat:
             return self.posterior_with(self.noise)

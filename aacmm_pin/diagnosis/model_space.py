@@ -288,7 +288,9 @@ class ModelSpace:
         return Likelihood(dof, self.stated)
 
     def conditional(self, state: ModelState, as_stated: bool = False) -> Conditional:
-        """The linear model with the set of ``state``; the last ones are kept."""
+        """The linear model with the set of ``state``, of which the last :data:`RECENT` are kept;
+        ``as_stated``: see :class:`Base`.
+        """
         key = (state.blocks, state.amplitude, as_stated)
         conditional = self._conditionals.get(key)
         if conditional is None:

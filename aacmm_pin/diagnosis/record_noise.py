@@ -357,8 +357,8 @@ def reading_units(fit: Fit) -> Array:
 
 def _likeliest(noise: RecordNoise, residual: Array, dof: float) -> tuple[float, RecordNoise]:
     """Restricted log likelihood of groups that share nothing, with the best variance of a record;
-    and the noise with the likeliest shared error of its kind, with its own log likelihood as log
-    ratio.
+    and the noise with the likeliest shared error of its kind, whose ``log_ratio`` is here the log
+    likelihood itself.
     """
     inside = (noise.group >= 0)[:, None]
     whitened = noise.correlation.whitened(np.where(inside, residual, 0.0))

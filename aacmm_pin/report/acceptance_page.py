@@ -155,7 +155,7 @@ def history_blocks(history: History) -> Iterator[Block]:
     several = len({chart.arm for chart in charts}) > 1
     outside = []
     for chart in charts:
-        if chart.left_range:  # the last value of the chart
+        if chart.is_outside:  # the last value of the chart
             by = f" by {chart.arm}" if several else ""
             low, high = np.nan_to_num(chart.limits[0]) / MM, chart.limits[1] / MM
             value = f"{chart.values[-1] / MM:.4f} mm"

@@ -98,7 +98,7 @@ class ControlChart:
         return _limits(self.usual)
 
     @property
-    def left_range(self) -> bool:
+    def is_outside(self) -> bool:
         """Whether the latest value is outside the control limits."""
         return _outside(self.values[-1], self.limits)
 
@@ -113,7 +113,7 @@ class ControlChart:
             "centre_mm": self.centre / MM,
             "lower_mm": lower / MM,
             "upper_mm": upper / MM,
-            "left_usual_range": self.left_range if np.isfinite(upper) else None,
+            "left_usual_range": self.is_outside if np.isfinite(upper) else None,
         }
         return dict(plain(summary))
 
@@ -255,7 +255,7 @@ class History(Shown):
         )
 
     def __str__(self) -> str:
-        outside = [f"{chart.figure} by {chart.arm}" for chart in self.charts() if chart.left_range]
+        outside = [f"{chart.figure} by {chart.arm}" for chart in self.charts() if chart.is_outside]
         checks = self.checks[["time", "instrument"]].drop_duplicates()
         text = count(len(checks), "check")
         return text + (f"; outside the control limits: {', '.join(outside)}" if outside else "")

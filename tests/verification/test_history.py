@@ -69,16 +69,16 @@ def test_limits_are_those_of_individuals_charts(tmp_path, latest, left):
     assert (chart.centre, *chart.limits) == pytest.approx(
         (20.5e-6, *(20.5e-6 + s * 2.66 * 27e-6 / 7 for s in (-1, 1)))
     )
-    assert (chart.left_range, "SPAT.Max" in str(found)) == (left, left)
+    assert (chart.is_outside, "SPAT.Max" in str(found)) == (left, left)
     wild = history([0.001, 0.02, 0.002, 0.021, 0.003, 0.022, 0.004, 0.023, 0.05]).charts()[0]
-    assert (np.isnan(wild.limits[0]), wild.limits[1], wild.left_range) == (
+    assert (np.isnan(wild.limits[0]), wild.limits[1], wild.is_outside) == (
         True,
         pytest.approx(61.4e-6),
         False,
     )
     few = next(chart for chart in history([*SIZES[1:], 1.0]).charts() if chart.figure == "SPAT.Max")
     assert np.isnan(few.limits).all()
-    assert not few.left_range
+    assert not few.is_outside
 
 
 def test_a_failed_check_does_not_widen_the_limits(tmp_path):
@@ -132,7 +132,7 @@ def test_an_instrument_is_one_however_it_is_written(tmp_path):
     found = History.read(path).with_check(
         accept(touches(tmp_path / "t.csv", 0.05)), START + timedelta(days=999), "arm7"
     )
-    assert {(len(chart.values), chart.left_range) for chart in found.charts()} == {
+    assert {(len(chart.values), chart.is_outside) for chart in found.charts()} == {
         (len(SIZES) + 1, True)
     }
 

@@ -75,7 +75,7 @@ def plot_history(history: History, ax: Axes | None = None) -> Figure:
 def _draw_chart(ax: Axes, chart: ControlChart) -> None:
     values = chart.values / MM
     numbers = np.arange(len(values))
-    latest = LATEST_OUTSIDE if chart.left_range else "latest check"
+    latest = LATEST_OUTSIDE if chart.is_outside else "latest check"
     ax.plot(numbers, values, "-", color=GREY, lw=0.8)
     for name, members in (("earlier check", chart.counted), (NOT_COUNTED, ~chart.counted)):
         if members.any():
