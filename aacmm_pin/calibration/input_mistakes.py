@@ -181,7 +181,7 @@ def _require_no_mistake_in_a_session(problem: Problem) -> None:
     fits = [_fit_alone(part) for part in parts]
     for part, alone in zip(parts, fits, strict=True):
         if any(fits) and alone is None:
-            _require_no_mistake(part, None)
+            _require_no_mistake(part, None, one_session=True)
 
 
 def _require_orientations(after: Fit) -> None:
@@ -209,8 +209,11 @@ def _require_orientations(after: Fit) -> None:
     )
 
 
-def _require_no_mistake(problem: Problem, after: Fit | None) -> None:
-    """Refuse records that a mistake explains, of which ``after`` is the fit, if they have one."""
+def _require_no_mistake(problem: Problem, after: Fit | None, *, one_session: bool = False) -> None:
+    """Refuse records that a mistake explains, of which ``after`` is the fit, if they have one.
+
+    The frame of one session may be another without a mistake, as of a stand that was moved.
+    """
     if problem.setup.frame_of_session:
         problem = _of_first_session(problem)
     records = problem.measurements
@@ -228,7 +231,8 @@ def _require_no_mistake(problem: Problem, after: Fit | None) -> None:
     by_description = fits or after is None
     as_is = described_distance if by_description else fitted_distance
     limit = (EXPLAINED_PART if by_description else 1.0) * described_misfit
-    for tier in _tiers(thinned, after, open_numbers=after is None or not fits or _absorbs(after)):
+    leaves_open = not one_session and (after is None or not fits or _absorbs(after))
+    for tier in _tiers(thinned, after, open_numbers=leaves_open):
         misfits = {}
         for mistakes in tier:
             undone = _undone(thinned, mistakes)

@@ -132,7 +132,9 @@ def map_document(map_: WorkspaceMap) -> Document:
         if variable.kind is float:  # the others are numbers of sectors
             unit = "" if variable.unit == "1" else f"_{variable.unit}"
             data[f"{variable.text}{unit}"] = map_.data[name].values.ravel()
-    table = Table(spread(pd.DataFrame(data), "all cells"))
+    (in_units,) = in_one_unit(pd.DataFrame(data))
+    quantities = spread(in_units, "quantity").set_index("quantity").T
+    table = Table(quantities.rename_axis("over all cells").reset_index())
     cells = {str(sectors): [number] for sectors, number in map_.working_sectors().items()}
     by_sectors = Table(pd.DataFrame(cells), CELLS)
     return Document("Map", [f"{map_}.", table, by_sectors])

@@ -167,7 +167,8 @@ class History(Shown):
                 name,
                 None,
                 "",
-                "expected a CSV file without comments (#), because accept rewrites the file",
+                "a workbook, or comments (#); expected a CSV file without comments, because accept "
+                "rewrites the file",
             )
         table, lines, *_ = read_table(name, content)
         problems = Problems(name, lines)

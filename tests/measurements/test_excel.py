@@ -87,7 +87,7 @@ def test_commands_take_workbooks(table, tmp_path):
     pd.testing.assert_frame_equal(excel.to_frame(), text.to_frame())
     shell.done(f"accept {probed} -o {tmp_path / 'report.html'}")
     history = workbook(tmp_path / "history.xlsx", [["time"]])
-    with pytest.raises(MeasurementFileError, match="this is a workbook"):
+    with pytest.raises(MeasurementFileError, match="a workbook"):
         History.read(history)
 
 
