@@ -114,22 +114,28 @@ def require_bars_that_agree(after: Fit) -> None:
     """
     records = after.problem.measurements
     bars = records.bar
-    off: dict[str, Note] = {}
+    note_of_bar: dict[str, Note] = {}
     without = after
     while note := odd_relation(without):
-        if bars is None or "bar" not in note.data or 2 * len(off) >= len(records.bars()) - 1:
+        if (
+            bars is None
+            or "bar" not in note.data
+            or 2 * len(note_of_bar) >= len(records.bars()) - 1
+        ):
             return
-        off[note.data["bar"]] = note
-        others = np.where(np.isin(bars, [*off]), "", bars)
+        note_of_bar[note.data["bar"]] = note
+        others = np.where(np.isin(bars, [*note_of_bar]), "", bars)
         without = fit(after.problem.of(replace(records, bar=others)))
-    if off and without.scatter <= WITHOUT_BARS * after.scatter:
-        reasons = "; ".join(map(str, off.values()))
+    if note_of_bar and without.scatter <= WITHOUT_BARS * after.scatter:
+        reasons = "; ".join(map(str, note_of_bar.values()))
         distances = (_distance_of(after), _distance_of(without))
         raise MistakenFileError(records.source, reasons, *distances)
 
 
 def _has_other_bars(problem: Problem) -> bool:
     records = problem.measurements
+    if records.bar is None:
+        return False
     tips = problem.model.arm.chain.positions(records.q)
     stated = np.array([bar.length for bar in records.bars()])
     by_arm = stated + records.bar_length_errors(tips)
