@@ -23,7 +23,7 @@ from aacmm_pin.errors import OutputError
 
 HIDDEN = ".aacmm-pin-"
 """Begins names of hidden folders."""
-STDOUT = ("-", "/dev/stdout", "/dev/fd/1", "/proc/self/fd/1")
+STDOUT = ("-", "/dev/stdout")
 
 
 def json_text(content: dict[str, Any]) -> str:
@@ -46,9 +46,7 @@ class OutputFiles:
         self._inputs = list(inputs)
         self._stack = ExitStack()  # removes the hidden folders
         self._files: dict[Path, Path] = {}  # temporary file by its place
-        self._folders: dict[Path, Path] = {}  # temporary folder by its place
         self._updated: set[Path] = set()  # places whose file the work has read and extends
-        self._current: Path | None = None  # the latest output: an error of writing names it
         self.written: list[str] = []
         """Regular files, as named."""
 
@@ -78,33 +76,14 @@ class OutputFiles:
             raise _named_twice(path)
         if update:
             self._updated.add(place)
-        parent = None
+        parent = None  # for a stream, the temporary folder of the system
         if not _is_stream(place):
             parent = place.parent
             self.written.append(str(path))
-        self._files[place] = self._hidden_folder(parent, path) / place.name
-        return self._files[place]
-
-    def folder(self, path: str | Path) -> Path:
-        """Temporary folder for files of the folder ``path``; others stay.
-
-        Raises:
-            OutputError: a file, not empty without ``force``, or not writable.
-        """
-        path = Path(path)
         with _as_output_errors(path):
-            if path.exists() and not path.is_dir():
-                raise OutputError(f"{path}: this is a file; expected the name of a folder")
-            if path.is_dir() and any(path.iterdir()) and not self._force:
-                raise OutputError(
-                    f"{path}: this folder has files; expected an empty or new folder; to replace "
-                    "files of the same names, use --force"
-                )
-            place = Path(os.path.realpath(path))
-            parent = place if place.is_dir() else place.parent
-            _check_folder(path, parent)
-        self._folders[place] = self._hidden_folder(parent, path)
-        return self._folders[place]
+            hidden = tempfile.TemporaryDirectory(prefix=HIDDEN, dir=parent)
+            self._files[place] = Path(self._stack.enter_context(hidden)) / place.name
+        return self._files[place]
 
     def __enter__(self) -> Self:
         return self
@@ -118,10 +97,10 @@ class OutputFiles:
         with self._stack:
             if kind is None:
                 self._put_in_place()
-            elif isinstance(error, OSError) and self._current is not None:
+            elif isinstance(error, OSError) and self._files:
                 is_of_input = error.filename is not None and HIDDEN not in str(error.filename)
                 if not is_of_input:
-                    raise _write_error(self._current, error) from None
+                    raise _write_error([*self._files][-1], error) from None
 
     def _checked_place(self, path: Path, update: bool = False) -> Path:
         """The file behind links, if it can be written; a pipe or device as named."""
@@ -150,23 +129,9 @@ class OutputFiles:
                 "--force (in Python force=True)"
             )
 
-    def _hidden_folder(self, parent: Path | None, path: Path) -> Path:
-        """New temporary folder for ``path``, in ``parent``; for None in that of the system."""
-        self._current = path
-        with _as_output_errors(path):
-            hidden = tempfile.TemporaryDirectory(prefix=HIDDEN, dir=parent)
-            return Path(self._stack.enter_context(hidden))
-
     def _put_in_place(self) -> None:
         """Rename every file, then copy the streams, or restore everything."""
         with ExitStack() as undo:
-            for place, folder in self._folders.items():
-                if not place.is_dir():
-                    with _as_output_errors(place):
-                        place.mkdir()
-                    undo.callback(place.rmdir)
-                for entry in sorted(folder.iterdir()):
-                    self._files[place / entry.name] = entry
             for place in sorted(self._files, key=_is_stream):
                 with _as_output_errors(place):
                     if _is_stream(place):
@@ -196,6 +161,19 @@ def whole_file(path: str | Path, force: bool = False) -> Iterator[Path]:
         yield files.file(path)
 
 
+def _check_folder(path: Path, folder: Path) -> None:
+    if not folder.is_dir():
+        raise OutputError(
+            f"{path}: the folder {folder} does not exist; create this folder, or name another "
+            "folder"
+        )
+    if not os.access(folder, os.W_OK):
+        raise OutputError(
+            f"{path}: you cannot write to the folder {folder}; expected a folder with write "
+            "permission"
+        )
+
+
 def _named_twice(path: str | Path) -> OutputError:
     return OutputError(f"{path}: two results have this name; expected a file for each result")
 
@@ -218,23 +196,7 @@ def _as_output_errors(path: Path) -> Iterator[None]:
 
 def _is_stream(path: Path) -> bool:
     """Standard output, a pipe or a terminal: never replaced."""
-    if str(path) in STDOUT:
-        return True
-    mode = path.stat().st_mode if path.exists() else 0
-    return stat.S_ISFIFO(mode) or stat.S_ISCHR(mode)
-
-
-def _check_folder(path: Path, folder: Path) -> None:
-    if not folder.is_dir():
-        raise OutputError(
-            f"{path}: the folder {folder} does not exist; create this folder, or name another "
-            "folder"
-        )
-    if not os.access(folder, os.W_OK):
-        raise OutputError(
-            f"{path}: you cannot write to the folder {folder}; expected a folder with write "
-            "permission"
-        )
+    return str(path) in STDOUT or path.is_fifo() or path.is_char_device()
 
 
 def _copy_to_stream(temporary: Path, stream: Path) -> None:

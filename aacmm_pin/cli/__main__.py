@@ -5,13 +5,9 @@ imported.
 from __future__ import annotations
 
 import os
-import resource
 import signal
 import sys
 import warnings
-
-LEAST_MEMORY = 600_000_000
-"""To load [bytes]; with less, OpenBLAS asks for its buffers for ever."""
 
 
 def main() -> None:
@@ -23,11 +19,6 @@ def main() -> None:
     os.environ.pop("PYTHONWARNINGS", None)
     sys.warnoptions.clear()
     warnings.resetwarnings()
-    if 0 <= (limit := resource.getrlimit(resource.RLIMIT_AS)[0]) < LEAST_MEMORY:
-        sys.exit(
-            f"aacmm-pin: not enough memory: {limit / 1e6:.0f} MB of address space; expected at "
-            f"least {LEAST_MEMORY / 1e6:.0f} MB"
-        )
     # Shells ignore SIGINT for jobs in the background, which stays so.
     if signal.getsignal(signal.SIGINT) != signal.SIG_IGN:
         # While compiled code is loaded, no handler of Python's would run.

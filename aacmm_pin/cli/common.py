@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Protocol, Self
+from typing import TYPE_CHECKING, Annotated, Any, Protocol, Self
 
 import typer
 
@@ -151,11 +151,8 @@ class FileOptions(Protocol):
 class Results(OutputFiles):
     """Files and printed results of one command: all in the end, or nothing.
 
-    It cannot write a file that it reads, or one of a plugin.
+    It cannot write a file that it reads.
     """
-
-    plugins: ClassVar[tuple[str, ...]] = ()
-    """Files of ``--plugin`` and its imports, which every command reads."""
 
     def __init__(
         self,
@@ -174,7 +171,7 @@ class Results(OutputFiles):
         Raises:
             AacmmError: one cannot be written, exists, is read, or stated twice.
         """
-        super().__init__(options.force, (*self.plugins, *inputs))
+        super().__init__(options.force, inputs)
         self._plot: Path | None = getattr(options, "plot", None)
         self._json: str | None = getattr(options, "json_", None)
         outputs = (*paths, page, self._plot, self._json)

@@ -24,21 +24,16 @@ SEARCHED = [*sys.path]
 """Where modules are found, before plugins."""
 
 
-def load_plugins(names: list[str], points: EntryPoints) -> tuple[str, ...]:
-    """Import modules by name or path, and entry points; return files that no output may replace:
-    the given names, which may be paths, and the files of imported modules.
+def load_plugins(names: list[str], points: EntryPoints) -> None:
+    """Import modules by name or path, and entry points.
 
     Raises:
         AacmmError: one cannot be imported.
     """
-    imported_before = set(sys.modules)
     for name in names:
         _load(f"--plugin {name}", partial(import_plugin, name))
     for point in points:
         _load(f"entry point {point.name}", point.load)
-    imported = set(sys.modules) - imported_before
-    files = [getattr(sys.modules[name], "__file__", None) for name in imported]
-    return (*names, *filter(None, files))
 
 
 def _load(origin: str, load: Callable[[], Any]) -> None:

@@ -21,7 +21,6 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 from aacmm_pin._support.text_escaping import print_error, results_alone_on_stdout, say, warn
-from aacmm_pin.cli.common import Results
 from aacmm_pin.errors import AacmmError
 
 COMMANDS = {
@@ -213,11 +212,6 @@ def _ending(error: BaseException) -> tuple[int, str] | None:
             return 128 + signal.SIGINT, INTERRUPTED
         case MemoryError():
             return 1, f"not enough memory: {error}".removesuffix(": ")
-        case RecursionError():
-            return 1, "the input has too many nested levels; expected fewer"
-        case UnicodeEncodeError():
-            text = error.object[error.start : error.end]
-            return 1, f"{error.encoding} has no character {text!r}; expected an output in UTF-8"
         case BrokenPipeError():  # the reader of the output, such as head, has closed it
             return 128 + signal.SIGPIPE, ""
         case OSError():
@@ -303,8 +297,7 @@ def _root(
     from importlib.metadata import entry_points
 
     points = entry_points(group="aacmm_pin.causes")
-    Results.plugins = ()
     if plugin or points:
         from aacmm_pin.cli.plugins import load_plugins
 
-        Results.plugins = load_plugins(plugin or [], points)
+        load_plugins(plugin or [], points)

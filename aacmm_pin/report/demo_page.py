@@ -32,6 +32,7 @@ from aacmm_pin.effects import (
     in_words,
     values_in_words,
 )
+from aacmm_pin.errors import OutputError
 from aacmm_pin.measurements import Measurements, simulate_measurements
 from aacmm_pin.postures import ConfigurationCircle, configuration_circle
 from aacmm_pin.report import plots
@@ -191,9 +192,10 @@ def run_demo(
     arm_file = load_arm_file(arm_name)
     arm = Arm.from_file(arm_file)
     with OutputFiles(force) as outputs:
-        out = outputs.folder(folder)
         circle = configuration_circle(arm, POINT)
         accuracy = circle_accuracy(circle)
+        _make_folder(folder, force)
+        outputs.check(folder / "index.html")
         map_ = map_workspace(arm, cells, sectors, progress=progress)
         hidden, data = _simulated(arm)
         rng = np.random.default_rng(SEED)
@@ -219,16 +221,31 @@ def run_demo(
             *_diagnosis_section(result, hidden, lines),
         ]
         texts["index.html"] = page(_index(arm, story, files, when))
-        map_.save(out / "map.nc")
-        data.save(out / "measured.csv")
+        map_.save(outputs.file(folder / "map.nc"))
+        data.save(outputs.file(folder / "measured.csv"))
         for name, text in texts.items():
-            (out / name).write_text(encodable(text), encoding="utf-8")
+            outputs.file(folder / name).write_text(encodable(text), encoding="utf-8")
     findings = (
         f"{accuracy}.",
         f"{map_}.",
         *(f"{line.head} {line.text}" for line in lines if isinstance(line, Paragraph)),
     )
     return DemoSummary(folder, tuple(files), findings, time.perf_counter() - started)
+
+
+def _make_folder(folder: Path, force: bool) -> None:
+    try:
+        folder.mkdir(exist_ok=True)
+    except OSError as error:
+        raise OutputError(
+            f"{folder}: the folder cannot be made: {error.strerror}; expected the name of a new or "
+            "empty folder"
+        ) from None
+    if any(folder.iterdir()) and not force:
+        raise OutputError(
+            f"{folder}: this folder has files; expected an empty or new folder; to replace files "
+            "of the same names, use --force"
+        )
 
 
 def _simulated(arm: Arm) -> tuple[Effect, Measurements]:

@@ -29,29 +29,22 @@ def write(*paths: str | Path, text: str = "new", force: bool = False) -> None:
             files.file(path).write_text(text)
 
 
-def test_files_and_a_folder_appear_together_when_all_went_well(tmp_path, monkeypatch):
+def test_files_appear_together_when_all_went_well(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("plain").write_text("")
-    Path("folder").mkdir()
     with OutputFiles() as files:
         files.check("out.csv", tmp_path / "b.csv")
         temporary = files.file("out.csv")
         write(temporary, text="all of it")  # as a command does what Python saves
         assert temporary.name == "out.csv"  # the suffix decides the format for some writers
-        (files.folder("report") / "index.html").write_text("page")
         assert not Path("out.csv").exists()
-        assert not Path("report").exists()
     expected = {
-        "folder": "",
         "plain": "",
         "out.csv": "all of it",
-        "report": "",
-        "report/index.html": "page",
     }
     assert listing(tmp_path) == expected
     # others may read them: the private mode of the hidden folder does not stick
     assert Path("out.csv").stat().st_mode == Path("plain").stat().st_mode
-    assert Path("report").stat().st_mode == Path("folder").stat().st_mode
 
 
 def test_a_failure_inside_leaves_all_as_it_was(tmp_path):
@@ -61,7 +54,6 @@ def test_a_failure_inside_leaves_all_as_it_was(tmp_path):
         with OutputFiles(force=True) as files:
             files.file(tmp_path / "old.csv").write_text("half of")
             files.file(tmp_path / "new.csv").write_text("half of")
-            (files.folder(tmp_path / "report") / "index.html").write_text("half of")
             raise failure
 
     for failure in (
@@ -78,7 +70,7 @@ def test_a_failure_inside_leaves_all_as_it_was(tmp_path):
 
 
 def test_what_is_there_is_replaced_only_by_force(tmp_path):
-    path, report = tmp_path / "out.csv", tmp_path / "report"
+    path = tmp_path / "out.csv"
     path.write_text("old")
     path.chmod(0o600)
     with pytest.raises(OutputError, match=r"out\.csv.*exists already.*--force"):
@@ -87,15 +79,7 @@ def test_what_is_there_is_replaced_only_by_force(tmp_path):
     write(path, force=True)
     assert path.read_text() == "new"
     assert path.stat().st_mode & 0o777 == 0o600
-    report.mkdir()
-    for force, text in ((False, "old"), (True, "new")):  # an empty folder may be used
-        with OutputFiles(force) as files:
-            (files.folder(report) / "index.html").write_text(text)
-        (report / "mine.txt").write_text("keep")
-    # Files of the same names, no others.
-    assert listing(report) == {"index.html": "new", "mine.txt": "keep"}
-    with pytest.raises(OutputError, match=r"files.*--force"), OutputFiles() as files:
-        files.folder(report)
+    (tmp_path / "report").mkdir()
     with pytest.raises(OutputError, match="two results"):
         write(path, tmp_path / "report" / ".." / "out.csv", force=True)
     with pytest.raises(OutputError, match="two results"):
@@ -201,7 +185,4 @@ def test_places_that_cannot_be_written_to(tmp_path):
         for name, words in ({"folder": "is a folder"} | places).items():
             with pytest.raises(OutputError, match=words):
                 write(tmp_path / name, force=force)
-        for name, words in ({"file": "is a file"} | places).items():
-            with pytest.raises(OutputError, match=words), OutputFiles(force) as files:
-                files.folder(tmp_path / name)
     assert listing(tmp_path) == {"file": "old", "folder": ""}
