@@ -8,7 +8,6 @@ from functools import cached_property
 from itertools import filterfalse
 
 import numpy as np
-from scipy.linalg import solve_triangular
 
 from aacmm_pin._support.checks import Array, Index, Mask
 from aacmm_pin.calibration import Fit, HeldEffects
@@ -109,10 +108,9 @@ class Choice:
         recalibration leaves (n, 3, r) [m].
         """
         design, base = self.design, self.posterior.space.base(0)
-        whitened = base.whitened[:, :-1] @ weights
-        absorbed = solve_triangular(base.factor, whitened, lower=True, trans=1)
         coefficients = weights.copy()
-        coefficients[: design.nuisances] -= absorbed
+        with_residual = np.append(weights, np.zeros((1, weights.shape[1])), axis=0)
+        coefficients[: design.nuisances] -= base.estimate(with_residual)
         moved = design.moved(coefficients, np.arange(len(design.tips)))
         unmoved = design.deviations(design.tips)
         changes = [
@@ -143,7 +141,7 @@ class Choice:
         noise = fit.noise if self.scatter is None else self.scatter
         sizes = np.linalg.svd(noise.whitening[fit.used], compute_uv=False)
         counted = sizes[sizes > LEAST_SIZE * sizes.max()]
-        of_nuisances = np.log(np.diag(space.base(0).factor)).sum()
+        of_nuisances = np.log(np.diag(space.base(0).left.factor)).sum()
         log_density = space.gram.free * np.log(counted).mean() - of_nuisances
         scattered = 0 if self.scatter is None else np.count_nonzero(self.scatter.readings)
         return float(log_density + scattered * np.log(1.0 - THRESHOLDS.library))

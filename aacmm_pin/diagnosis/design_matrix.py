@@ -79,53 +79,37 @@ class Family:
 
     Attributes:
         blocks: their numbers (b,).
-        columns: those of the place; without combinations those of each block (b, q).
+        columns: those of the place (columns,); without combinations those of each block (b, q).
         combinations: of each block (b, columns, q), or None.
         positive: of each block (b,), see :class:`Block`.
     """
 
     blocks: Index
-    columns: slice | Index
+    columns: Index
     combinations: Array | None
     positive: Mask
 
     def some(self, chosen: Mask) -> Family:
         """The family of some of the blocks (b,)."""
-        if chosen.all():
-            return self
-        columns = self.columns if isinstance(self.columns, slice) else self.columns[chosen]
-        combinations = None if self.combinations is None else self.combinations[chosen]
-        return Family(self.blocks[chosen], columns, combinations, self.positive[chosen])
+        if self.combinations is None:
+            return Family(self.blocks[chosen], self.columns[chosen], None, self.positive[chosen])
+        combinations = self.combinations[chosen]
+        return Family(self.blocks[chosen], self.columns, combinations, self.positive[chosen])
 
-    def information(self, inside: Array) -> Array:
-        """Information ``Cᵀ P C`` of each block (b, q, q), by its combinations C and the products P
-        of the family's columns with one another (columns, columns).
-
-        Without combinations P is that of each block (b, q, q).
+    def in_parameters(self, products: Array) -> Array:
+        """Products of the family's columns (r, columns), without combinations those of each block
+        (r, b, q), as products of the parameters (b, r, q).
         """
-        if self.combinations is None:
-            return inside
-        blocks, columns, parameters = self.combinations.shape
-        # One matrix of all blocks' combinations side by side, for one large product.
-        side_by_side = self.combinations.transpose(1, 0, 2).reshape(columns, blocks * parameters)
-        products = (inside @ side_by_side).reshape(columns, blocks, parameters)
-        return np.asarray(self.combinations.transpose(0, 2, 1) @ products.transpose(1, 0, 2))
+        if self.combinations is not None:
+            products = np.tensordot(products, self.combinations, (1, 1))
+        return products.transpose(1, 0, 2)
 
-    def in_parameters(self, rows: Array) -> Array:
-        """Products with all columns (r, columns) as products with the parameters (b, r, q)."""
-        products = rows[:, self.columns]
+    def information(self, matrix: Array) -> Array:
+        """Information of each block (b, q, q), by the products of all columns."""
+        products = matrix[self.columns[..., :, None], self.columns[..., None, :]]
         if self.combinations is None:
-            return np.asarray(products.transpose(1, 0, 2))
-        return np.asarray(products @ self.combinations)
-
-    def gradient(self, with_residual: Array) -> Array:
-        """Products of each block's parameters with the residual (b, q), by those of all columns
-        (columns,).
-        """
-        products = with_residual[self.columns]
-        if self.combinations is None:
-            return products
-        return np.asarray(np.tensordot(self.combinations, products, (1, 0)))
+            return np.asarray(products)
+        return np.asarray(self.combinations.transpose(0, 2, 1) @ self.in_parameters(products))
 
 
 @dataclass(frozen=True, eq=False)
@@ -180,11 +164,12 @@ class Design:
             apart = block.candidate if has_many else -1
             alike[basis, block.size, apart].append(number)
         families = []
-        for (basis, size, _), numbers in alike.items():
+        for (basis, *_), numbers in alike.items():
             blocks = [self.blocks[number] for number in numbers]
             positive = np.array([block.positive for block in blocks])
-            starts = np.array([block.columns.start for block in blocks])
-            columns = starts[:, None] + np.arange(size) if basis is None else blocks[0].columns
+            columns = np.array([np.arange(b.columns.start, b.columns.stop) for b in blocks])
+            if basis is not None:
+                columns = columns[0]
             combinations = [b.combinations for b in blocks if b.combinations is not None]
             stacked = np.array(combinations) if combinations else None
             families.append(Family(np.array(numbers), columns, stacked, positive))

@@ -17,7 +17,7 @@ from scipy.linalg.blas import dsyrk
 
 from aacmm_pin._support.checks import Array, Index, Mask
 from aacmm_pin.calibration import SeatElimination
-from aacmm_pin.diagnosis.design_matrix import Design
+from aacmm_pin.diagnosis.design_matrix import Design, Family
 from aacmm_pin.diagnosis.record_noise import RecordNoise
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
 
@@ -57,6 +57,20 @@ class Gram:
     matrix: Array
     free: int
     origin: Gram | None = None
+
+    @property
+    def chi2(self) -> float:
+        """Products of the residual with itself."""
+        return float(self.matrix[-1, -1])
+
+    def products(self, block: int) -> Array:
+        """Products of a block's parameters with all columns and the residual (q, columns + 1)."""
+        return self.design.blocks[block].in_parameters(self.matrix).T
+
+    def of_family(self, family: Family) -> tuple[Array, Array]:
+        """Information (b, q, q) and products with the residual (b, q) of the blocks of a family."""
+        gradient = family.in_parameters(self.matrix[-1:, family.columns])[:, 0]
+        return family.information(self.matrix), gradient
 
     @property
     def directions(self) -> Directions:

@@ -11,9 +11,9 @@ tip minus target, so that an estimate is minus their solution.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import scipy
@@ -21,7 +21,7 @@ from scipy.special import gammaln, log_ndtr
 
 from aacmm_pin._support.checks import Array, Index, Mask
 from aacmm_pin.calibration import inverse_of_factor, lower_factor, solve_lower
-from aacmm_pin.diagnosis.design_matrix import Block, Family
+from aacmm_pin.diagnosis.design_matrix import Design, Family
 from aacmm_pin.diagnosis.gram_matrix import Gram, numbers_of
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
 
@@ -82,8 +82,86 @@ class Likelihood:
 
 
 @dataclass(frozen=True, eq=False)
+class Left:
+    """Inner products, less what some parameters explain.
+
+    Attributes:
+        before: inner products before these parameters were taken out.
+        rows: products of the parameters with all columns (m, columns + 1).
+        factor: lower Cholesky factor of the parameters' precision (m, m).
+    """
+
+    before: Gram | Left
+    rows: Array
+    factor: Array
+
+    @cached_property
+    def whitened(self) -> Array:
+        """``L⁻¹`` times the rows: their squares are what the parameters explain (m, columns +
+        1).
+        """
+        return self._whitened(self.rows)
+
+    def _whitened(self, rows: Array) -> Array:
+        return solve_lower(self.factor, rows) if rows.size else rows
+
+    @cached_property
+    def whitened_residual(self) -> Array:
+        """The last column of :attr:`whitened` (m,)."""
+        return self._whitened(self.rows[:, -1:])[:, 0]
+
+    @cached_property
+    def chi2(self) -> float:
+        """χ² that is left."""
+        return self.before.chi2 - float(self.whitened_residual @ self.whitened_residual)
+
+    def products(self, block: int) -> Array:
+        """Products of a block's parameters (q, columns + 1)."""
+        explained = self.before.design.blocks[block].in_parameters(self.whitened)
+        return np.asarray(self.before.products(block) - explained.T @ self.whitened)
+
+    def of_block(self, block: int) -> tuple[Array, Array]:
+        """Information of a block (q, q), and its products with the residual (q,)."""
+        products = self.products(block)
+        return self.design.blocks[block].in_parameters(products), products[:, -1]
+
+    def of_family(self, family: Family) -> tuple[Array, Array]:
+        """Information (b, q, q) and products with the residual (b, q) of the blocks of a family;
+        kept.
+        """
+        if id(family) not in self._of_families:
+            information, gradient = self.before.of_family(family)
+            if family.combinations is None or "whitened" in vars(self):
+                whitened = self.whitened[:, family.columns]
+            else:  # these columns alone take less time
+                whitened = self._whitened(self.rows[:, family.columns])
+            explained = family.in_parameters(whitened)  # (b, m, q)
+            information = information - explained.transpose(0, 2, 1) @ explained
+            gradient = gradient - self.whitened_residual @ explained
+            self._of_families[id(family)] = information, gradient
+        return self._of_families[id(family)]
+
+    @cached_property
+    def _of_families(self) -> dict[int, tuple[Array, Array]]:
+        return {}
+
+    @property
+    def design(self) -> Design:
+        """Columns of the products."""
+        return self.before.design
+
+    def canonical(self, one: int, other: int) -> float:
+        """Largest canonical correlation of two blocks' columns."""
+        products = self.products(one)
+        first = self.design.blocks[one].in_parameters(products)
+        second, _ = self.of_block(other)
+        cross = self.design.blocks[other].in_parameters(products)
+        return _largest_canonical(first, second, cross)
+
+
+@dataclass(frozen=True, eq=False)
 class Base:
-    """Inner products with nuisances and the background, of one amplitude, integrated over.
+    """Nuisances and the background, of one amplitude, integrated over.
 
     Attributes:
         gram: inner products, prior rows of the nuisances included.
@@ -95,94 +173,72 @@ class Base:
     amplitude: float
     as_stated: bool = False
 
+    log_above_zero: ClassVar[float] = 0.0
+    """Nuisances and background have either sign."""
+
+    @property
+    def design(self) -> Design:
+        """Columns of the products."""
+        return self.gram.design
+
     @property
     def nuisances(self) -> int:
         """Number of nuisance columns."""
-        return self.gram.design.nuisances
-
-    @cached_property
-    def _products(self) -> tuple[Array, Array]:
-        """Products of nuisances and background with all columns (b, columns + 1), and with one
-        another (b, b).
-        """
-        first = self.nuisances
-        rows = self.gram.matrix[:first]
-        if not self.amplitude:
-            return rows, rows[:, :first]
-        directions = self.gram.directions
-        of_background = self.gram.along_directions
-        with_nuisances = of_background[:, :first]
-        inside = of_background[:, directions.columns] @ directions.weights
-        products = np.block([[rows[:, :first], with_nuisances.T], [with_nuisances, inside]])
-        return np.concatenate([rows, of_background]), products
+        return self.design.nuisances
 
     @cached_property
     def prior(self) -> Array:
         """Prior precision of nuisances and background (b,), see :data:`UNKNOWN`."""
-        precision = np.full(len(self._products[1]), UNKNOWN)
+        directions = self.gram.along_directions if self.amplitude else ()
+        precision = np.full(self.nuisances + len(directions), UNKNOWN)
         if self.as_stated:
-            of_known_causes = self.gram.design.known
+            of_known_causes = self.design.known
             precision[of_known_causes] = HELD
         precision[self.nuisances :] = 1.0 / max(self.amplitude, LEAST_CHI2) ** 2
         return precision
 
     @cached_property
-    def factor(self) -> Array:
-        """Lower Cholesky factor of the posterior precision of nuisances and background (b, b)."""
-        products = self._products[1]
+    def left(self) -> Left:
+        """What nuisances and background leave of all inner products."""
+        first = self.nuisances
+        rows = self.gram.matrix[:first]
+        products = rows[:, :first]
+        if self.amplitude:
+            directions = self.gram.directions
+            of_background = self.gram.along_directions
+            with_nuisances = of_background[:, :first]
+            inside = of_background[:, directions.columns] @ directions.weights
+            products = np.block([[products, with_nuisances.T], [with_nuisances, inside]])
+            rows = np.concatenate([rows, of_background])
         # A frame without a prior is many metres wide: the rounding of its products may be more than
         # what is known of others.
-        return lower_factor(products + np.diag(self.prior), np.diag(products))
+        factor = lower_factor(products + np.diag(self.prior), np.diag(products))
+        return Left(self.gram, rows, factor)
+
+    def products(self, block: int) -> Array:
+        """Products of a block's parameters (q, columns + 1), of which the last are kept."""
+        products = self._kept.get(block)
+        if products is None:
+            products = self.left.products(block)
+        keep(self._kept, block, products, KEPT)
+        return products
 
     @cached_property
-    def whitened(self) -> Array:
-        """``L⁻¹`` times the products of nuisances and background (b, columns + 1)."""
-        return solve_lower(self.factor, self._products[0])
-
-    @cached_property
-    def left(self) -> Array:
-        """Products of the residual, nuisances and background integrated over (columns + 1,)."""
-        return np.asarray(self.gram.matrix[-1] - self.whitened[:, -1] @ self.whitened)
-
-    def inside(self, columns: slice | Index) -> Array:
-        """Products of some columns with one another: of each block of columns (b, q) by itself (b,
-        q, q); kept.
-        """
-        key = _key(columns)
-        if key not in self._inside:
-            matrix = self.gram.matrix
-            if isinstance(columns, slice):
-                products = matrix[columns, columns]
-            else:
-                products = matrix[columns[:, :, None], columns[:, None, :]]
-            self._inside[key] = products - _squares(self.whitened[:, columns])
-        return self._inside[key]
-
-    @cached_property
-    def _inside(self) -> dict[object, Array]:
+    def _kept(self) -> dict[int, Array]:
         return {}
 
-    def rows(self, block: int) -> Array:
-        """Products of a block's parameters (q, columns + 1), nuisances and background integrated
-        over; the last are kept.
+    def estimate(self, others: Array) -> Array:
+        """Minus the posterior mean of nuisances and background (b, r), for coefficients of all
+        other columns, and of the residual, ``others`` (columns + 1, r).
         """
-        rows = self._rows.get(block)
-        if rows is None:
-            parameters = self.gram.design.blocks[block]
-            products = parameters.in_parameters(self.gram.matrix).T
-            absorbed = parameters.in_parameters(self.whitened).T @ self.whitened
-            rows = products - absorbed
-        keep(self._rows, block, rows, KEPT)
-        return rows
-
-    @cached_property
-    def _rows(self) -> dict[int, Array]:
-        return {}
+        right = self.left.whitened @ others
+        solved = scipy.linalg.solve_triangular(self.left.factor, right, lower=True, trans=1)
+        return np.asarray(solved)
 
     @cached_property
     def log_volume(self) -> float:
         """``½ log det(1 + a² D)`` of the background's products D, nuisances at their best."""
-        of_background = np.diag(self.factor)[self.nuisances :]
+        of_background = np.diag(self.left.factor)[self.nuisances :]
         if not of_background.size:
             return 0.0
         return float(np.log(of_background * self.amplitude).sum())
@@ -192,13 +248,47 @@ class Base:
         """How many parameters of nuisances and background the records, apart from priors,
         determine.
         """
-        inverse = solve_lower(self.factor, np.eye(len(self.factor)))
+        factor = self.left.factor
+        inverse = solve_lower(factor, np.eye(len(factor)))
         first = self.nuisances
-        prior_rows = self.gram.design.prior[:, :-1]
+        prior_rows = self.design.prior[:, :-1]
         nuisances_by_prior = np.square(inverse[:, :first] @ prior_rows.T).sum()
         variances = np.square(inverse[:, first:]).sum(axis=0)
         background_by_prior = variances @ self.prior[first:]
-        return float(len(self.factor) - nuisances_by_prior - background_by_prior)
+        return float(len(factor) - nuisances_by_prior - background_by_prior)
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """Log marginal likelihood of a set, up to a constant of the records.
+
+    Attributes:
+        chi2: what set, nuisances and background leave of χ².
+        log_volume, log_above_zero: see :class:`Conditional`.
+    """
+
+    likelihood: Likelihood
+    chi2: float
+    log_volume: float
+    log_above_zero: float
+
+    @property
+    def log(self) -> float:
+        """The log marginal likelihood."""
+        return float(self.likelihood.log(self.chi2)) - self.log_volume + self.log_above_zero
+
+    def with_one_more(self, information: Array, gradient: Array, positive: Mask) -> Array:
+        """The same with one of some blocks more, by their information (b, q, q) and gradient (b,
+        q), at each width (b, widths).
+        """
+        gain, volume = gains(information, gradient)
+        chi2 = self.chi2 - 2.0 * gain
+        log_likelihood = self.likelihood.log(chi2) - volume - self.log_volume
+        if positive.any():
+            precision = information[positive, 0] + WIDTHS**-2.0
+            deviation = np.sqrt(self.likelihood.variance(chi2[positive]) * precision)
+            log_likelihood[positive] += log_above_zero(-gradient[positive] / deviation)
+        return np.asarray(log_likelihood + self.log_above_zero)
 
 
 @dataclass(frozen=True, eq=False)
@@ -207,13 +297,13 @@ class Conditional:
     of the typical magnitude; one that nature has above zero by the half of that.
 
     Attributes:
-        base: nuisances and background integrated over.
+        before: what is integrated over already: nuisances and background, or some blocks too.
         blocks: numbers of the set's blocks.
         widths: numbers of their τ.
         likelihood: of χ².
     """
 
-    base: Base
+    before: Base | Conditional
     blocks: tuple[int, ...]
     widths: tuple[int, ...]
     likelihood: Likelihood
@@ -224,15 +314,31 @@ class Conditional:
         vars(changed).update(rows=self.rows, information=self.information)
         return changed
 
+    def without(self, *members: int) -> Conditional:
+        """The set without some of its blocks."""
+        kept = [k for k, block in enumerate(self.blocks) if block not in members]
+        blocks, widths = (tuple(which[k] for k in kept) for which in (self.blocks, self.widths))
+        return replace(self, blocks=blocks, widths=widths)
+
+    def plus(self, block: int, width: int) -> Conditional:
+        """What is left with one block more, of a width by its number."""
+        return replace(self, before=self, blocks=(block,), widths=(width,))
+
     @property
-    def design_blocks(self) -> tuple[Block, ...]:
-        """All blocks of the design."""
-        return self.base.gram.design.blocks
+    def base(self) -> Base:
+        """Nuisances and background, of a set beside these alone."""
+        assert isinstance(self.before, Base)
+        return self.before
+
+    @property
+    def design(self) -> Design:
+        """Columns of the products."""
+        return self.before.design
 
     @cached_property
     def entries(self) -> dict[int, slice]:
         """Of each block, its slice among the set's parameters."""
-        sizes = [self.design_blocks[k].size for k in self.blocks]
+        sizes = [self.design.blocks[k].size for k in self.blocks]
         ends = np.cumsum(sizes, dtype=int).tolist()
         slices = [slice(end - size, end) for end, size in zip(ends, sizes, strict=True)]
         return dict(zip(self.blocks, slices, strict=True))
@@ -240,26 +346,33 @@ class Conditional:
     @cached_property
     def rows(self) -> Array:
         """Products of the set's parameters (m, columns + 1)."""
-        rows = [self.base.rows(k) for k in self.blocks]
-        return np.concatenate([np.zeros((0, len(self.base.gram.matrix))), *rows])
+        rows = [self.before.products(k) for k in self.blocks]
+        return np.concatenate([np.zeros((0, self.design.width + 1)), *rows])
+
+    def products(self, block: int) -> Array:
+        """Products of another block's parameters beside the set (q, columns + 1)."""
+        return self.left.products(block)
 
     @cached_property
     def information(self) -> Array:
         """Products of the set's parameters with one another (m, m)."""
-        products = [self.design_blocks[k].in_parameters(self.rows) for k in self.blocks]
+        products = [self.design.blocks[k].in_parameters(self.rows) for k in self.blocks]
         return np.concatenate([np.zeros((len(self.rows), 0)), *products], axis=1)
 
     @cached_property
     def scale(self) -> Array:
         """Prior width of each of the set's parameters (m,)."""
-        sizes = [self.design_blocks[k].size for k in self.blocks]
+        sizes = [self.design.blocks[k].size for k in self.blocks]
         return np.repeat(WIDTHS[list(self.widths)], sizes)
 
     @cached_property
-    def factor(self) -> Array:
-        """Lower Cholesky factor of the parameters' precision ``G + T⁻²`` (m, m)."""
+    def left(self) -> Left:
+        """What the set leaves of all inner products; the precision of its parameters is ``G +
+        T⁻²``.
+        """
         precision = self.information + np.diag(self.scale**-2.0)
-        return lower_factor(precision, np.diag(self.information))
+        factor = lower_factor(precision, np.diag(self.information))
+        return Left(self.before.left, self.rows, factor)
 
     @cached_property
     def estimate(self) -> Array:
@@ -267,12 +380,12 @@ class Conditional:
         if not self.blocks:
             return np.zeros(0)
         gradient = self.rows[:, -1]
-        return np.asarray(-scipy.linalg.cho_solve((self.factor, True), gradient))
+        return np.asarray(-scipy.linalg.cho_solve((self.left.factor, True), gradient))
 
     @cached_property
     def inverse(self) -> Array:
         """Posterior covariance of the set's parameters for noise of unit variance (m, m)."""
-        return inverse_of_factor(self.factor)
+        return inverse_of_factor(self.left.factor)
 
     @property
     def covariance(self) -> Array:
@@ -280,43 +393,43 @@ class Conditional:
         return self.variance * self.inverse
 
     @cached_property
-    def chi2(self) -> float:
-        """χ² that set, nuisances and background leave."""
-        return float(self.base.left[-1] + self.rows[:, -1] @ self.estimate)
-
-    @cached_property
     def log_volume(self) -> float:
         """``½ log det`` of set and background over their priors."""
-        over_prior = np.diag(self.factor) * self.scale
-        return self.base.log_volume + float(np.log(over_prior).sum())
+        over_prior = np.diag(self.left.factor) * self.scale
+        return self.before.log_volume + float(np.log(over_prior).sum())
 
     @cached_property
     def log_above_zero(self) -> float:
         """Log of the probability that the positive parameters are above zero, after the records
         over before; each by itself.
         """
-        return sum(map(self.log_above_zero_of, self.blocks))
+        return self.before.log_above_zero + sum(map(self._log_above_zero, self.blocks))
 
-    def log_above_zero_of(self, block: int) -> float:
-        """The same of one block; 0 where nature has either sign."""
-        if not self.design_blocks[block].positive:
-            return 0.0
-        entry = self.entries[block].start
-        unit = np.zeros(len(self.scale))
-        unit[entry] = 1.0
-        whitened_unit = scipy.linalg.solve_triangular(self.factor, unit, lower=True)
-        deviation = np.sqrt(self.variance * (whitened_unit @ whitened_unit))
-        return float(log_above_zero(self.estimate[entry] / deviation))
+    @property
+    def evidence(self) -> Evidence:
+        """Log marginal likelihood with its parts."""
+        return Evidence(self.likelihood, self.left.chi2, self.log_volume, self.log_above_zero)
 
     @property
     def log_evidence(self) -> float:
         """Log marginal likelihood, up to a constant of these records."""
-        return float(self.likelihood.log(self.chi2)) - self.log_volume + self.log_above_zero
+        return self.evidence.log
+
+    def _log_above_zero(self, block: int) -> float:
+        """The same of one block; 0 where nature has either sign."""
+        if not self.design.blocks[block].positive:
+            return 0.0
+        entry = self.entries[block].start
+        unit = np.zeros(len(self.scale))
+        unit[entry] = 1.0
+        whitened_unit = scipy.linalg.solve_triangular(self.left.factor, unit, lower=True)
+        deviation = np.sqrt(self.variance * (whitened_unit @ whitened_unit))
+        return float(log_above_zero(self.estimate[entry] / deviation))
 
     @property
     def variance(self) -> float:
         """Factor by which the records scatter more than their noise."""
-        return float(self.likelihood.variance(self.chi2))
+        return float(self.likelihood.variance(self.left.chi2))
 
     @cached_property
     def dof(self) -> float:
@@ -325,92 +438,69 @@ class Conditional:
         used = len(self.scale) - float(by_prior.sum())
         return float(self.base.gram.free - self.base.determined - used)
 
+    def _precision(self, *members: int) -> tuple[Index, Array]:
+        """Where some members are among the set's parameters (q,), and their precision beside the
+        others (q, q): ``((A⁻¹)_kk)⁻¹`` of the precision A of all.
+        """
+        entries = numbers_of([self.entries[k] for k in members])
+        precision = np.linalg.inv(self.inverse[np.ix_(entries, entries)])
+        return entries, np.asarray(precision, np.float64)
+
     def canonical(self, one: int, other: int) -> float:
         """Largest canonical correlation of two members beside the others."""
-        products, _ = self.without(one, other).left_out
-        size = self.design_blocks[one].size
+        entries, precision = self._precision(one, other)
+        products = precision - np.diag(self.scale[entries] ** -2.0)
+        size = self.design.blocks[one].size
         of_one = products[:size, :size]
         of_other = products[size:, size:]
         return _largest_canonical(of_one, of_other, products[:size, size:])
-
-    @cached_property
-    def whitened(self) -> Array:
-        """``L⁻¹`` times the products of the set's parameters (m, columns + 1)."""
-        return solve_lower(self.factor, self.rows) if self.blocks else self.rows
-
-    def inside(self, columns: slice | Index) -> Array:
-        """Products of some columns with one another beside the set, see :meth:`Base.inside`;
-        kept.
-        """
-        key = _key(columns)
-        if key not in self._inside:
-            if isinstance(columns, slice) and "whitened" not in vars(self) and self.blocks:
-                # Not all columns are whitened yet: these alone take less time.
-                whitened = solve_lower(self.factor, self.rows[:, columns])
-            else:
-                whitened = self.whitened[:, columns]
-            self._inside[key] = self.base.inside(columns) - _squares(whitened)
-        return self._inside[key]
-
-    @cached_property
-    def _inside(self) -> dict[object, Array]:
-        return {}
-
-    def without(self, *members: int) -> Beside:
-        """What is left beside the set without some of its blocks.
-
-        Not kept: it refers to this object, and Python frees the memory of a circle late.
-        """
-        entries = numbers_of([self.entries[k] for k in members])
-        inverse = self.inverse[np.ix_(entries, entries)]
-        precision = np.asarray(np.linalg.inv(inverse), np.float64)
-        estimate = self.estimate[entries]
-        scaled = precision * np.square(self.scale[entries])
-        members_above_zero = sum(map(self.log_above_zero_of, members))
-        return Beside(
-            self,
-            chi2=self.chi2 + float(estimate @ precision @ estimate),
-            log_volume=self.log_volume - 0.5 * float(np.linalg.slogdet(scaled)[1]),
-            log_above_zero=self.log_above_zero - members_above_zero,
-            entries=entries,
-            precision=precision,
-        )
 
     @property
     def over_widths(self) -> Array:
         """Log marginal likelihood with each width of each block, and last without it (blocks,
         widths + 1).
         """
-        log_likelihoods = np.empty((len(self.blocks), WIDTHS.size + 1))
-        for block, values in zip(self.blocks, log_likelihoods, strict=True):
-            beside = self.without(block)
-            information, gradient = beside.left_out
-            positive = np.array([self.design_blocks[block].positive])
-            values[:-1] = beside.with_each(information[None], gradient[None], positive)[0]
-            values[-1] = beside.log_evidence
-        return log_likelihoods
+        of_set = self.evidence
+        log_evidences = np.empty((len(self.blocks), WIDTHS.size + 1))
+        for block, values in zip(self.blocks, log_evidences, strict=True):
+            entries, precision = self._precision(block)
+            scale, gradient = self.scale[entries], -precision @ self.estimate[entries]
+            scaled = precision * np.square(scale)
+            without_block = Evidence(
+                self.likelihood,
+                of_set.chi2 - float(gradient @ self.estimate[entries]),
+                of_set.log_volume - 0.5 * float(np.linalg.slogdet(scaled)[1]),
+                of_set.log_above_zero - self._log_above_zero(block),
+            )
+            information = precision - np.diag(scale**-2.0)
+            positive = np.array([self.design.blocks[block].positive])
+            values[:-1] = without_block.with_one_more(information[None], gradient[None], positive)
+            values[-1] = without_block.log
+        return log_evidences
 
-    @cached_property
-    def _base_estimate(self) -> Array:
-        """Posterior mean of nuisances and background, beside the set at its mean (b,)."""
-        whitened = self.base.whitened
-        right = whitened[:, -1].copy()
-        for k, entries in self.entries.items():
-            right += self.design_blocks[k].in_parameters(whitened) @ self.estimate[entries]
-        solved = scipy.linalg.solve_triangular(self.base.factor, right, lower=True, trans=1)
-        return np.asarray(-solved)
+    def additions(self, families: Sequence[Family] | None = None) -> Array:
+        """Log marginal likelihood with each block more, of some families or of all, at each width
+        (blocks, widths); minus infinity for others.
+        """
+        log_evidences = np.full((len(self.design.blocks), WIDTHS.size), -np.inf)
+        for family in self.design.families if families is None else families:
+            information, gradient = self.left.of_family(family)
+            log_evidences[family.blocks] = self.evidence.with_one_more(
+                information, gradient, family.positive
+            )
+        return log_evidences
 
     @cached_property
     def step(self) -> Array:
         """Posterior mean of the coefficients of all columns (columns,): added to the fit, they move
         the tips to :attr:`all_tips`.
         """
-        design = self.base.gram.design
+        design = self.design
         coefficients = np.zeros(design.width)
         for k, entries in self.entries.items():
-            parameters = self.design_blocks[k]
+            parameters = self.design.blocks[k]
             coefficients[parameters.columns] += parameters.in_columns(self.estimate[entries])
-        base_estimate = self._base_estimate
+        base_estimate = -self.base.estimate(np.append(coefficients, 1.0)[:, None])[:, 0]
         first = self.base.nuisances
         coefficients[:first] = base_estimate[:first]
         if self.base.amplitude:
@@ -421,13 +511,12 @@ class Conditional:
     @cached_property
     def all_tips(self) -> Array:
         """Tips with everything at its posterior mean (n, 3), with orientations (n, 6) [m, rad]."""
-        return self.tips(np.arange(len(self.base.gram.design.tips)))
+        return self.tips(np.arange(len(self.design.tips)))
 
     def tips(self, records: Index) -> Array:
         """The same of some records."""
-        design = self.base.gram.design
-        moved = design.moved(self.step[:, None], records)
-        return np.asarray(design.tips[records] + moved[:, :, 0])
+        moved = self.design.moved(self.step[:, None], records)
+        return np.asarray(self.design.tips[records] + moved[:, :, 0])
 
 
 def log_above_zero(value: Array | float) -> Array:
@@ -435,159 +524,6 @@ def log_above_zero(value: Array | float) -> Array:
     standard deviations.
     """
     return np.asarray(log_ndtr(value) + np.log(2.0))
-
-
-@dataclass(frozen=True, eq=False)
-class Beside:
-    """What is left beside a set without some of its blocks, or with one more; widths stay.
-
-    With ``A`` the precision of all parameters and ``R`` their products, the members have the
-    precision ``Q = ((A⁻¹)_kk)⁻¹`` beside the others, and without them ``(A⁻¹ R)_kᵀ Q (A⁻¹ R)_k``
-    more is left of all products: one factor of the whole set serves whichever these are.
-
-    Attributes:
-        conditional: the set.
-        chi2: what is left of χ².
-        log_volume: of the others and the background.
-        log_above_zero: see :attr:`Conditional.log_above_zero`, of the others.
-        entries: of the members left out, among the set's parameters (q,).
-        precision: ``Q``, of these (q, q).
-        before: what was left before one more block was added.
-        taken_rows: rows whose squares that block takes from all products (q, columns + 1).
-    """
-
-    conditional: Conditional
-    chi2: float
-    log_volume: float
-    log_above_zero: float
-    entries: Index
-    precision: Array
-    before: Beside | None = None
-    taken_rows: Array = field(default_factory=lambda: np.zeros((0, 0)))
-
-    @property
-    def left_out(self) -> tuple[Array, Array]:
-        """Information (q, q) of the members left out, and their products with the residual (q,)."""
-        information = self.precision - np.diag(self.conditional.scale[self.entries] ** -2.0)
-        return information, -self.precision @ self.conditional.estimate[self.entries]
-
-    @cached_property
-    def _given_back(self) -> Array:
-        """Rows whose squares the members left out give back to all products (q, columns + 1):
-        ``Cᵀ (A⁻¹ R)_k`` with ``C Cᵀ = Q``.
-        """
-        solved = self.conditional.inverse[self.entries] @ self.conditional.rows
-        return np.asarray(np.linalg.cholesky(self.precision).T @ solved)
-
-    def plus(self, block: int, width: int) -> Beside:
-        """What is left with one block more, of a width by its number."""
-        parameters = self.conditional.design_blocks[block]
-        rows = self._rows(block)
-        information = parameters.in_parameters(rows)
-        scale = WIDTHS[width]
-        precision = information + np.eye(len(information)) / scale**2
-        factor = lower_factor(precision, np.diag(information))
-        whitened = solve_lower(factor, rows)
-        gradient = whitened[:, -1]
-        chi2 = self.chi2 - float(gradient @ gradient)
-        above_zero = 0.0
-        if parameters.positive:
-            # Its one estimate in standard deviations is minus its whitened gradient.
-            variance = self.conditional.likelihood.variance(chi2)
-            above_zero = float(log_above_zero(-gradient[0] / np.sqrt(variance)))
-        return replace(
-            self,
-            chi2=chi2,
-            log_volume=self.log_volume + float(np.log(np.diag(factor) * scale).sum()),
-            log_above_zero=self.log_above_zero + above_zero,
-            before=self,
-            taken_rows=whitened,
-        )
-
-    def of_block(self, block: int) -> tuple[Array, Array]:
-        """Information of a block (q, q), and its products with the residual (q,)."""
-        rows = self._rows(block)
-        return self.conditional.design_blocks[block].in_parameters(rows), rows[:, -1]
-
-    def _rows(self, block: int) -> Array:
-        """Products of a block's parameters (q, columns + 1): less what the set takes, plus what the
-        members left out give back, less what one more block takes.
-        """
-        parameters = self.conditional.design_blocks[block]
-        if self.before is not None:
-            taken = parameters.in_parameters(self.taken_rows).T @ self.taken_rows
-            return self.before._rows(block) - taken
-        whitened = self.conditional.whitened
-        rows = self.conditional.base.rows(block) - parameters.in_parameters(whitened).T @ whitened
-        return np.asarray(rows + parameters.in_parameters(self._given_back).T @ self._given_back)
-
-    @cached_property
-    def _left(self) -> Array:
-        """Products of the residual (columns + 1,), before one more block was added."""
-        by_set = self.conditional.estimate @ self.conditional.rows
-        given_back = self._given_back[:, -1] @ self._given_back
-        return np.asarray(self.conditional.base.left + by_set + given_back)
-
-    @cached_property
-    def _family_products(self) -> dict[int, tuple[Array, Array]]:
-        return {}
-
-    def of_family(self, family: Family) -> tuple[Array, Array]:
-        """Information (b, q, q) and products with the residual (b, q) of the blocks of a family;
-        kept.
-        """
-        if id(family) not in self._family_products:
-            if self.before is None:
-                inside = self.conditional.inside(family.columns)
-                given_back = _squares(self._given_back[:, family.columns])
-                information = family.information(inside + given_back)
-                gradient = family.gradient(self._left)
-            else:
-                information, gradient = self.before.of_family(family)
-                taken = family.in_parameters(self.taken_rows)  # (b, r, q)
-                information = information - taken.transpose(0, 2, 1) @ taken
-                gradient = gradient - self.taken_rows[:, -1] @ taken
-            self._family_products[id(family)] = information, gradient
-        return self._family_products[id(family)]
-
-    def canonical(self, one: int, other: int) -> float:
-        """Largest canonical correlation of two blocks' columns, what is refitted taken out."""
-        of_one = self._rows(one)
-        first = self.conditional.design_blocks[one].in_parameters(of_one)
-        second, _ = self.of_block(other)
-        cross = self.conditional.design_blocks[other].in_parameters(of_one)
-        return _largest_canonical(first, second, cross)
-
-    @property
-    def log_evidence(self) -> float:
-        """Log marginal likelihood, up to a constant of these records."""
-        likelihood = self.conditional.likelihood
-        return float(likelihood.log(self.chi2)) - self.log_volume + self.log_above_zero
-
-    def additions(self, families: Sequence[Family] | None = None) -> Array:
-        """Log marginal likelihood with each block more, of some families or of all, at each width
-        (blocks, widths); minus infinity for others.
-        """
-        design = self.conditional.base.gram.design
-        log_likelihoods = np.full((len(design.blocks), WIDTHS.size), -np.inf)
-        for family in design.families if families is None else families:
-            information, gradient = self.of_family(family)
-            log_likelihoods[family.blocks] = self.with_each(information, gradient, family.positive)
-        return log_likelihoods
-
-    def with_each(self, information: Array, gradient: Array, positive: Mask) -> Array:
-        """Log marginal likelihood with one of some blocks more, by their information (b, q, q) and
-        gradient (b, q), at each width (b, widths).
-        """
-        gain, volume = gains(information, gradient)
-        chi2 = self.chi2 - 2.0 * gain
-        log_likelihood = self.conditional.likelihood.log(chi2) - volume - self.log_volume
-        if positive.any():
-            precision = information[positive, 0] + WIDTHS**-2.0
-            variance = self.conditional.likelihood.variance(chi2[positive])
-            deviation = np.sqrt(variance * precision)
-            log_likelihood[positive] += log_above_zero(-gradient[positive] / deviation)
-        return np.asarray(log_likelihood + self.log_above_zero)
 
 
 def _largest_canonical(first: Array, second: Array, cross: Array) -> float:
@@ -610,21 +546,6 @@ def keep(kept: dict[Any, Any], key: object, value: object, most: int) -> None:
     kept[key] = value
     if len(kept) > most:
         del kept[next(iter(kept))]
-
-
-def _key(columns: slice | Index) -> object:
-    """A hashable name of some columns, under which their products are kept."""
-    if isinstance(columns, slice):
-        return columns.start, columns.stop
-    return columns.tobytes()
-
-
-def _squares(rows: Array) -> Array:
-    """``Rᵀ R`` of rows (m, q), as (q, q); of each block of rows (m, b, q) by itself, as (b, q,
-    q).
-    """
-    blocks = rows if rows.ndim == 2 else rows.transpose(1, 0, 2)
-    return np.asarray(blocks.swapaxes(-1, -2) @ blocks)
 
 
 def gains(information: Array, gradient: Array) -> tuple[Array, Array]:

@@ -17,7 +17,6 @@ from aacmm_pin.diagnosis.gram_matrix import Gram
 from aacmm_pin.diagnosis.linear_model import (
     WIDTHS,
     Base,
-    Beside,
     Conditional,
     Likelihood,
     keep,
@@ -239,7 +238,7 @@ class Peak(NamedTuple):
     state: ModelState
 
 
-Weighted = tuple[Beside, float]
+Weighted = tuple[Conditional, float]
 """What is left beside a state of a set, with the state's log weight."""
 
 
@@ -458,15 +457,15 @@ class ModelSpace:
         # The weights of the two amplitudes add up to one.
         log_weights = np.log(shares) - np.log(shares[1] + has_lower * shares[0])
         weight_of_lower, weight_of_best = log_weights.tolist()
-        weighted = [(at_best.without(), weight_of_best)]
+        weighted = [(at_best, weight_of_best)]
         if has_lower:
             at_lower = self.conditional(best._replace(amplitude=lower))
-            weighted.append((at_lower.without(), weight_of_lower))
+            weighted.append((at_lower, weight_of_lower))
         if 0 in best.widths:
             widths = tuple(width or FIRST_WIDTH for width in best.widths)
             at_usual = self.conditional(best._replace(widths=widths))
             weight = weight_of_best + at_usual.log_evidence - at_best.log_evidence
-            weighted.append((at_usual.without(), weight))
+            weighted.append((at_usual, weight))
         return weighted
 
     def _with_one_more(self, blocks: Blocks) -> tuple[list[Weighted], list[Family]]:
@@ -535,9 +534,11 @@ class ModelSpace:
 
     def best_addition(self, state: ModelState) -> ModelState:
         """The state with the most probable block more, if that makes it more probable."""
-        return self._with_best(state, self.conditional(state).without())
+        return self._with_best(state, self.conditional(state))
 
-    def _with_best(self, state: ModelState, beside: Beside, place: int | None = None) -> ModelState:
+    def _with_best(
+        self, state: ModelState, beside: Conditional, place: int | None = None
+    ) -> ModelState:
         """The state with the block more, of one place or of any, that is most probable beside it;
         the state itself if none makes it more probable.
         """

@@ -133,7 +133,7 @@ def evidences(
         if not effects:
             continue
         state = space.marginal(without_block(tuple(acting_blocks), acting_blocks[number])).best
-        additions = space.conditional(state).without().additions()
+        additions = space.conditional(state).additions()
         log_evidence = additions[blocks_of_causes[number][-len(effects) :]]
         priors = [effect.nonlinear.prior_probability(effect, records) for effect in effects]
         evidence_of[number] = logsumexp(log_evidence, axis=1) + np.log(priors)

@@ -45,11 +45,11 @@ def family_wise_p_value(candidates: Candidates, conditional: Conditional, block:
 
     The mean of the odds is then the prior odds: Markov's inequality for all together.
     """
-    information, gradient = conditional.without().of_block(block)
+    information, gradient = conditional.left.of_block(block)
     gain, volume = gains(information[None], gradient[None])
     if not _knows_noise(conditional):
         # Student's evidence, by the share of χ² that the block explains.
-        share = np.minimum(2.0 * gain / conditional.chi2, MOST_EXPLAINED)
+        share = np.minimum(2.0 * gain / conditional.left.chi2, MOST_EXPLAINED)
         gain = -0.5 * conditional.likelihood.dof * np.log1p(-share)
     log_bayes_factor = float(logsumexp(gain - volume) - np.log(WIDTHS.size))
     log_bound = logsumexp(candidates.log_odds) - candidates.log_odds[block] - log_bayes_factor
@@ -69,12 +69,11 @@ def p_value_of_structure(candidates: Candidates, conditional: Conditional) -> fl
     columns would explain everything.
     """
     chances = list[float]()
-    beside = conditional.without()
-    for family in conditional.base.gram.design.families:
+    for family in conditional.design.families:
         of_covariates = candidates.owners[family.blocks] >= candidates.design.causes
         if not of_covariates.any():
             continue
-        information, gradient = beside.of_family(family)
+        information, gradient = conditional.left.of_family(family)
         gain, _ = gains(information[of_covariates], gradient[of_covariates])
         squares = 2.0 * gain[:, np.argmax(WIDTHS)]
         columns = information.shape[1]
@@ -82,7 +81,7 @@ def p_value_of_structure(candidates: Candidates, conditional: Conditional) -> fl
             chances_of_family = chi2_sf(np.maximum(squares, 0.0), columns)
         else:
             other_dof = max(conditional.likelihood.dof - columns, 1.0)
-            shares = np.clip(squares / conditional.chi2, 0.0, 1.0)
+            shares = np.clip(squares / conditional.left.chi2, 0.0, 1.0)
             chances_of_family = beta_sf(shares, 0.5 * columns, 0.5 * other_dof)
         chances += chances_of_family.tolist()
     return min(1.0, len(chances) * min(chances, default=1.0))
@@ -90,8 +89,8 @@ def p_value_of_structure(candidates: Candidates, conditional: Conditional) -> fl
 
 def retained(conditional: Conditional, block: int) -> float:
     """``‖M G β‖ / ‖G β‖`` of a block's columns G at its best β; M takes out what others explain."""
-    parameters = conditional.design_blocks[block]
-    information, gradient = conditional.without().of_block(block)
+    parameters = conditional.design.blocks[block]
+    information, gradient = conditional.left.of_block(block)
     step = np.linalg.lstsq(information, gradient, rcond=1e-10)[0]
     square_left = max(float(step @ information @ step), 0.0)
     coefficients = parameters.in_columns(np.asarray(step, np.float64))
@@ -110,8 +109,7 @@ def aliases_of(posterior: Posterior, library: tuple[Variants, ...], block: int) 
     finding = candidates.owner(block)
     names = candidates.design.names
     instead = posterior.instead(finding)
-    beside = conditional.without()
-    log_posteriors = logsumexp(beside.additions(), axis=1) + candidates.log_odds
+    log_posteriors = logsumexp(conditional.additions(), axis=1) + candidates.log_odds
     log_posteriors[candidates.barred(conditional.blocks)] = -np.inf
     acting = {candidates.owner(k) for k in posterior.median}
     best_block = best_of_candidates(candidates, log_posteriors)
@@ -122,7 +120,7 @@ def aliases_of(posterior: Posterior, library: tuple[Variants, ...], block: int) 
         if owner in acting or owner not in best_block:
             continue
         other = best_block[owner]
-        correlation = beside.canonical(block, other)
+        correlation = conditional.left.canonical(block, other)
         if correlation < THRESHOLDS.unlike:
             continue
         is_same_cause = correlation > THRESHOLDS.same and candidates.is_cause(other)
@@ -147,10 +145,10 @@ def visible(posterior: Posterior) -> tuple[int, int]:
     least = THRESHOLDS.shows
     if not space.stated:
         least = dof * np.expm1(THRESHOLDS.shows / max(dof, 1.0))
-    alone = space.conditional(ModelState((), (), 0)).without()
+    alone = space.conditional(ModelState((), (), 0))
     noncentralities = np.zeros(len(candidates.places))
     for family in candidates.design.families:
-        information, _ = alone.of_family(family)
+        information, _ = alone.left.of_family(family)
         by_parameter = np.diagonal(information, axis1=1, axis2=2)
         owners = candidates.owners[family.blocks]
         np.maximum.at(noncentralities, owners, by_parameter.max(axis=1))

@@ -323,7 +323,7 @@ def test_inner_products(case, left_out, monkeypatch):
         z = rows[:, : design.nuisances]
         off = own - z @ np.linalg.lstsq(z, own)[0]
         scale = np.outer(size, size)
-        close(left.without().of_block(k)[0] / scale, off.T @ off / scale, 2e-6)
+        close(left.left.of_block(k)[0] / scale, off.T @ off / scale, 2e-6)
     assert gram.free == len(rows) - design.nuisances
 
 
@@ -431,7 +431,7 @@ def test_retained_fraction_and_canonical_correlation(case):
         spans = [orth(columns, rcond=3e-5) for columns in (a, b)]
         if min(min(np.linalg.svd(x)[1]) for x in (a, b)) > 1e-3 * np.abs(a).max():
             wanted = np.cos(subspace_angles(*spans).min())
-            assert left.without().canonical(one, other) == pytest.approx(wanted, abs=1e-5)
+            assert left.left.canonical(one, other) == pytest.approx(wanted, abs=1e-5)
 
 
 def test_prior_of_the_candidates(free_case):
@@ -478,13 +478,13 @@ def test_the_score_is_chi2_when_nothing_is_there(case):
     scores, ranks = np.empty((300, len(chosen))), []
     roots = []
     for k in range(len(chosen)):
-        information, _ = alone(gram).without().of_block(k)
+        information, _ = alone(gram).left.of_block(k)
         ranks.append(np.linalg.matrix_rank(information, rtol=1e-10, hermitian=True))
         roots.append(np.linalg.pinv(information, rcond=1e-10))
     for draw_, own in zip(scores, products.T, strict=True):
-        left = alone(with_residual(gram, own, 1.0)).without()
+        left = alone(with_residual(gram, own, 1.0))
         for k, root in enumerate(roots):
-            _, gradient = left.of_block(k)
+            _, gradient = left.left.of_block(k)
             draw_[k] = gradient @ root @ gradient
     basis = np.linalg.qr(rows[:, : design.nuisances])[0]
     left_of = rows[:, -1] - basis @ (basis.T @ rows[:, -1])
@@ -527,7 +527,7 @@ def test_the_family_wise_p_value_is_no_smaller_than_chance(case, stated):
     found = []
     for own in noise.T:
         left = alone(with_residual(gram, rows[:, :-1].T @ own, own @ own), stated)
-        best = int(np.argmax(logsumexp(left.without().additions(), axis=1) + some.log_odds))
+        best = int(np.argmax(logsumexp(left.additions(), axis=1) + some.log_odds))
         found.append(findings.family_wise_p_value(some, left, best))
     assert kstest(found, "uniform", alternative="greater").pvalue > 1e-3
 

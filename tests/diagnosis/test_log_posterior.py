@@ -295,7 +295,7 @@ def test_additions_are_the_posterior_of_larger_sets(measured, rng):
     sizes = np.array([block.size * (1 - 2 * block.positive) for block in blocks])
     assert -1 in sizes
     for state in random_states(space, rng, 6, of=np.flatnonzero(sizes > 0)):
-        additions = space.conditional(state).without().additions()
+        additions = space.conditional(state).additions()
         for size in np.unique(sizes):
             mine = allowed(space, state.blocks)
             block = int(rng.choice(mine[sizes[mine] == size]))
@@ -332,16 +332,16 @@ def test_what_is_left_without_members_and_with_a_block_more(measured, rng):
             log_prior = space._log_prior(rest.blocks)
             assert beside.log_evidence + log_prior == pytest.approx(expected(rest), abs=NATS)
             there = space.conditional(rest)
-            close(beside.additions()[either], there.without().additions()[either], NATS)
+            close(beside.additions()[either], there.additions()[either], NATS)
             further, other = rng.choice([k for k in pool if k != block], 2, replace=False).tolist()
             for each in (further, other):
-                information, gradient = there.without().of_block(each)
+                information, gradient = there.left.of_block(each)
                 size = np.sqrt(np.diag(information)) + 1.0
                 scale = np.outer(size, size)
-                close(beside.of_block(each)[0] / scale, information / scale, 1e-7)
-                close(beside.of_block(each)[1] / size, gradient / size, 1e-6)
-            correlation = there.without().canonical(further, other)
-            assert beside.canonical(further, other) == pytest.approx(correlation, abs=1e-5)
+                close(beside.left.of_block(each)[0] / scale, information / scale, 1e-7)
+                close(beside.left.of_block(each)[1] / size, gradient / size, 1e-6)
+            correlation = there.left.canonical(further, other)
+            assert beside.left.canonical(further, other) == pytest.approx(correlation, abs=1e-5)
 
 
 def test_a_positive_block_more(measured, rng):
@@ -352,10 +352,10 @@ def test_a_positive_block_more(measured, rng):
     either = np.flatnonzero([not block.positive for block in blocks])
     for state in random_states(space, rng, 6, of=either):
         block, width = int(rng.choice(some)), int(rng.integers(len(WIDTHS)))
-        found = space.conditional(state).without().plus(block, width)
+        found = space.conditional(state).plus(block, width)
         larger = by_one(state, block, width)
         there = space.conditional(larger)
-        assert found.chi2 == pytest.approx(there.chi2, abs=1e-6)
+        assert found.left.chi2 == pytest.approx(there.left.chi2, abs=1e-6)
         assert found.log_evidence == pytest.approx(there.log_evidence, abs=NATS)
 
 
