@@ -146,8 +146,9 @@ class Diagnosis(Shown):
     """The result of a diagnosis: the causes of error, the extended arm, and its gain.
 
     Attributes:
-        verdict, doubts: see :func:`aacmm_pin.diagnosis.verdict.verdict_of` and ``doubts_of`` there.
-        otherwise: causes that a diagnosis with the excluded records would name.
+        verdict, doubts: see :func:`aacmm_pin.diagnosis.verdict.judged`.
+        no_better: True if held-out records do not clearly confirm that the causes improve
+            predictions.
         contradicted: stated places that the records contradict.
         findings: causes, strongest first; last, geometric values beyond their stated uncertainty.
         model: recalibrated arm with the causes, if these improve the predictions of held-out
@@ -166,7 +167,6 @@ class Diagnosis(Shown):
         budget: parts of the mean square residual of the nominal arm, whose sum is the whole.
     """
 
-    verdict: Verdict
     findings: tuple[Finding, ...]
     model: ErrorModel
     before: Fit
@@ -179,10 +179,16 @@ class Diagnosis(Shown):
     noise: float
     visible: tuple[int, int]
     assumed: tuple[Note, ...]
-    doubts: tuple[str, ...]
-    otherwise: tuple[str, ...]
+    no_better: bool
     contradicted: tuple[Note, ...]
     budget: tuple[BudgetPart, ...]
+    doubts: tuple[str, ...] = ()
+    verdict: Verdict = "inconclusive"
+
+    @property
+    def otherwise(self) -> tuple[str, ...]:
+        """The causes that a diagnosis with the excluded records would name."""
+        return self.choice.otherwise
 
     @property
     def below_zero(self) -> list[Effect]:
@@ -200,11 +206,6 @@ class Diagnosis(Shown):
     def geometric(self, finding: Finding) -> bool:
         """Whether a finding is a value of the geometry of the arm."""
         return bool(geometric_parameters(self.model.arm, finding.effect))
-
-    @property
-    def no_better(self) -> bool:
-        """True if held-out records do not clearly confirm that the causes improve predictions."""
-        return "no better" in self.doubts
 
     def cause(self, label: str) -> Effect | None:
         """The cause with this label; None for a covariate."""

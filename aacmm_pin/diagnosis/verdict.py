@@ -1,19 +1,18 @@
 """What a diagnosis may conclude from its findings, and from what its records would have shown.
 
-A new doubt is one entry of :data:`DOUBTS`, with its sentence in the report. Most rules need no new
-attribute of :class:`Evidence`: its last fit has the records, residuals and exclusions.
+A new doubt is one entry of :data:`DOUBTS`, with its sentence in the report.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import replace
 from typing import Literal
 
-from aacmm_pin._support.notes import Note
-from aacmm_pin.calibration import Fit
-from aacmm_pin.diagnosis.result import Finding, too_good
+from aacmm_pin.diagnosis.budget import BEYOND, SHARED, STRUCTURE
+from aacmm_pin.diagnosis.result import Diagnosis, too_good
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
+from aacmm_pin.diagnosis.unexplained import exceeds_noise
 
 Verdict = Literal[
     "explained",
@@ -25,85 +24,52 @@ Verdict = Literal[
 ]
 
 
-@dataclass(frozen=True, eq=False)
-class Evidence:
-    """What a verdict is read from.
-
-    Attributes:
-        findings: the causes of the median probability model.
-        structure: the discrepancy is more probable than not.
-        structure_left: structure over some covariate is left beyond chance, though none is more
-            probable than not.
-        more: probability that a cause acts that was not named.
-        visible: how many causes of typical magnitude these records would have shown, and of how
-            many.
-        otherwise: what would be found if excluded records counted.
-        no_better: causes were added with which held-out records are not predicted better.
-        agree: the searches from the two starts found the same.
-        fits: the searches on which all that rests, that of the extended arm last.
-        named, nameless: mean square that the causes which act without doubt displace tips by, and
-            that of what has no name [m²].
+def _mostly_named(result: Diagnosis) -> bool:
+    """Whether held-out records do not contradict the causes, and the certain ones displace tips by
+    more than what has no name, noise beyond the stated included.
     """
-
-    findings: tuple[Finding, ...]
-    structure: bool
-    structure_left: bool
-    more: float
-    visible: tuple[int, int]
-    otherwise: tuple[str, ...]
-    no_better: bool
-    contradicted: tuple[Note, ...]
-    agree: bool
-    fits: tuple[Fit, ...]
-    named: float = 0.0
-    nameless: float = 0.0
-
-    @property
-    def settled(self) -> bool:
-        """Whether each cause of the extended arm acts without doubt, and probably no other."""
-        sure = all(finding.probability >= THRESHOLDS.settled for finding in self.findings)
-        return sure and self.more < THRESHOLDS.named
-
-    @property
-    def mostly_named(self) -> bool:
-        """Whether held-out records do not contradict the causes, and the certain ones displace tips
-        by more than what has no name.
-        """
-        return not self.no_better and self.named > self.nameless
+    certain_labels = {
+        f.label for f in result.findings if f.probability >= THRESHOLDS.settled and f.borne_out
+    }
+    nameless_parts = (STRUCTURE, SHARED, BEYOND)
+    named = sum(part.mean_square for part in result.budget if certain_labels & {*part.causes})
+    nameless = sum(part.mean_square for part in result.budget if part.part in nameless_parts)
+    if result.extended.noise_is_stated:
+        nameless += result.budget[-1].mean_square - result.noise**2
+    return not result.no_better and named > max(nameless, 0.0)
 
 
-def _shows_few_causes(evidence: Evidence) -> bool:
+def _shows_few_causes(result: Diagnosis) -> bool:
     """Whether no cause acts, and the records would have shown few of those tried."""
-    shown, tried = evidence.visible
-    nothing_acts = not evidence.findings and evidence.more < THRESHOLDS.named
+    shown, tried = result.visible
+    nothing_acts = not result.findings and result.more < THRESHOLDS.named
     return nothing_acts and shown <= THRESHOLDS.shown * tried
 
 
-DOUBTS: Mapping[str, Callable[[Evidence], bool]] = {
-    "contradicted references": lambda evidence: bool(evidence.contradicted),
-    "residuals too small": lambda evidence: not evidence.findings and too_good(evidence.fits[-1]),
+DOUBTS: Mapping[str, Callable[[Diagnosis], bool]] = {
+    "contradicted references": lambda result: bool(result.contradicted),
+    "residuals too small": lambda result: not result.findings and too_good(result.extended),
     "few causes shown": _shows_few_causes,
-    "cause not named": lambda evidence: not evidence.findings and bool(evidence.otherwise),
-    "below zero": lambda evidence: any(finding.below_zero for finding in evidence.findings),
-    "cause not borne out": lambda evidence: (
-        not all(finding.borne_out for finding in evidence.findings)
-    ),
-    "no better": lambda evidence: evidence.no_better,
-    "structure left": lambda evidence: evidence.structure_left,
-    "more causes": lambda evidence: evidence.more >= THRESHOLDS.settled,
-    "starts disagree": lambda evidence: not evidence.agree,
+    "cause not named": lambda result: not result.findings and bool(result.otherwise),
+    "below zero": lambda result: bool(result.below_zero),
+    "cause not borne out": lambda result: not all(finding.borne_out for finding in result.findings),
+    "no better": lambda result: result.no_better,
+    "structure left": lambda result: result.unexplained.left,
+    "more causes": lambda result: result.more >= THRESHOLDS.settled,
+    "starts disagree": lambda result: not result.choice.posterior.agree,
 }
 """Why a diagnosis, whose searches all ended without structure, is not ``explained`` or
 ``no-discrepancy``.
 """
 
 
-def doubts_of(evidence: Evidence) -> tuple[str, ...]:
-    """Names of the doubts that stand."""
-    return tuple(name for name, stands in DOUBTS.items() if stands(evidence))
+def judged(result: Diagnosis) -> Diagnosis:
+    """The diagnosis with its doubts and its verdict."""
+    doubts = tuple(name for name, stands in DOUBTS.items() if stands(result))
+    return replace(result, doubts=doubts, verdict=verdict_of(result, doubts))
 
 
-def verdict_of(evidence: Evidence, doubts: Collection[str]) -> Verdict:
+def verdict_of(result: Diagnosis, doubts: Collection[str]) -> Verdict:
     """The verdict.
 
     Returns:
@@ -113,15 +79,19 @@ def verdict_of(evidence: Evidence, doubts: Collection[str]) -> Verdict:
         ``ambiguous``: the mass is on several sets of causes. ``explained``, ``no-discrepancy``:
         else.
     """
-    if not all(fit.converged and fit.determines_noise for fit in evidence.fits):
+    extended = result.extended
+    if not (result.converged and result.recalibrated.determines_noise):
         return "inconclusive"
-    if evidence.structure:
-        doubtful = evidence.fits[-1].too_many_excluded or "below zero" in doubts
-        return "partly-explained" if evidence.mostly_named and not doubtful else "unexplained"
-    if evidence.fits[-1].too_many_excluded or "below zero" in doubts:
+    if not extended.determines_noise:
         return "inconclusive"
-    if not evidence.settled:
+    doubtful = extended.too_many_excluded or "below zero" in doubts
+    if result.unexplained.structure or exceeds_noise(extended):
+        return "partly-explained" if _mostly_named(result) and not doubtful else "unexplained"
+    if doubtful:
+        return "inconclusive"
+    all_certain = all(finding.probability >= THRESHOLDS.settled for finding in result.findings)
+    if not all_certain or result.more >= THRESHOLDS.named:
         return "ambiguous"
     if doubts:
         return "inconclusive"
-    return "explained" if evidence.findings else "no-discrepancy"
+    return "explained" if result.findings else "no-discrepancy"

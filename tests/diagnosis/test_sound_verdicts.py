@@ -6,6 +6,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -15,12 +17,12 @@ from aacmm_pin import accuracy_volume, perturbed_model
 from aacmm_pin._support.checks import Array
 from aacmm_pin.arm import Arm, axis
 from aacmm_pin.arm.random_postures import random_postures
-from aacmm_pin.calibration import Setup, calibrate, solver
+from aacmm_pin.calibration import Fit, Setup, calibrate, solver
 from aacmm_pin.calibration.linearisation import Point
 from aacmm_pin.calibration.problem import Problem
-from aacmm_pin.diagnosis import THRESHOLDS, Diagnosis, Finding, diagnose
+from aacmm_pin.diagnosis import THRESHOLDS, BudgetPart, Diagnosis, Finding, diagnose
 from aacmm_pin.diagnosis.held_out_gain import Brought
-from aacmm_pin.diagnosis.verdict import Evidence, doubts_of, verdict_of
+from aacmm_pin.diagnosis.verdict import DOUBTS, verdict_of
 from aacmm_pin.effects import (
     BaseCompliance,
     BearingTilt,
@@ -250,8 +252,8 @@ def test_verdicts(sino6, rng):
     far_below = replace(below_zero, values=(-3e-6,))
     cases = [
         ("explained", sure, {}),
-        ("inconclusive", sure, {"structure_left": True}),
-        ("inconclusive", [], {"structure_left": True}),
+        ("inconclusive", sure, {"unexplained": left(left=True)}),
+        ("inconclusive", [], {"unexplained": left(left=True)}),
         ("ambiguous", sure, {"more": 0.6}),
         ("ambiguous", [], {"more": 0.6}),
         ("explained", sure, {"more": 0.4}),
@@ -260,33 +262,47 @@ def test_verdicts(sino6, rng):
         ("explained", [finding(0.99, effect=below_zero)], {}),
         ("inconclusive", [finding(0.99, effect=far_below)], {}),
         ("ambiguous", [finding(0.7)], {}),
-        ("unexplained", sure, {"structure": True}),
+        ("unexplained", sure, {"unexplained": left(structure=True)}),
         ("no-discrepancy", [], {}),
         ("inconclusive", [], {"visible": (40, 100)}),
-        ("inconclusive", sure, {"fits": (fit, stuck)}),
-        ("inconclusive", [], {"fits": (fit, noiseless)}),
-        ("inconclusive", sure, {"fits": (fit, seven)}),
-        ("unexplained", [], {"structure": True, "fits": (fit, seven)}),
-        ("explained", sure, {"fits": (fit, six)}),
+        ("inconclusive", sure, {"extended": stuck}),
+        ("inconclusive", [], {"extended": noiseless}),
+        ("inconclusive", sure, {"extended": seven}),
+        ("unexplained", [], {"unexplained": left(structure=True), "extended": seven}),
+        ("explained", sure, {"extended": six}),
         ("inconclusive", sure, {"contradicted": ("seat A moved",)}),
         ("inconclusive", sure, {"no_better": True}),
         ("inconclusive", sure, {"agree": False}),
     ]
-    usual = Evidence(
-        findings=(),
-        structure=False,
-        structure_left=False,
-        more=0.1,
-        visible=(90, 100),
-        otherwise=(),
-        no_better=False,
-        contradicted=(),
-        agree=True,
-        fits=(fit, fit),
-    )
     for verdict, findings, other in cases:
-        evidence = replace(usual, findings=tuple(findings), **other)
-        assert verdict_of(evidence, doubts_of(evidence)) == verdict, other
+        assert judged_of(fit, findings, **other) == verdict, other
+
+
+def left(structure: bool = False, left: bool = False) -> SimpleNamespace:
+    return SimpleNamespace(structure=structure, left=left)
+
+
+def judged_of(fit: Fit, findings: list[Finding], agree: bool = True, **other: object) -> str:
+    """The verdict of a diagnosis that has only what verdicts are read from."""
+    usual = {
+        "findings": findings,
+        "below_zero": [one for one in findings if one.below_zero],
+        "unexplained": left(),
+        "more": 0.1,
+        "visible": (90, 100),
+        "otherwise": (),
+        "no_better": False,
+        "contradicted": (),
+        "choice": SimpleNamespace(posterior=SimpleNamespace(agree=agree)),
+        "recalibrated": fit,
+        "extended": fit,
+        "noise": fit.noise_rms,
+        "budget": (BudgetPart("noise", fit.noise_rms**2, 0.0),),
+    }
+    result: Any = SimpleNamespace(**usual | other)
+    result.converged = result.extended.converged
+    doubts = [name for name, stands in DOUBTS.items() if stands(result)]
+    return verdict_of(result, doubts)
 
 
 @FEW
