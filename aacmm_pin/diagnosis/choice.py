@@ -130,6 +130,13 @@ class Choice:
         deviations = self.design.deviations(model.all_tips)
         return ReadingScatter.of(self.design.fit, deviations, share_of_dof, self.noise)
 
+    @cached_property
+    def scatter_beside_top(self) -> ReadingScatter | None:
+        """Scatter beside the most probable set; None where the stated noise was all there was."""
+        if noise_is_known(self.design.fit):
+            return None
+        return self.scatter_beside(self.posterior.top_model)
+
     @property
     def log_density_of_scatter(self) -> float:
         """Term beside :attr:`Posterior.log_density` by which choices of different scatter are
@@ -231,6 +238,11 @@ class Choice:
         """The effect of a block."""
         variant = self.design.blocks[block].variant
         return self.library[self.candidates.owner(block)][variant]
+
+
+def noise_is_known(at: Fit) -> bool:
+    """Whether the stated noise is all that the fit found."""
+    return at.noise_is_stated and at.noise.scatters.of_targets == 0.0
 
 
 def seats_are_divided(folds: Index, fit: Fit) -> bool:

@@ -33,18 +33,18 @@ from aacmm_pin.calibration.cross_validation import enough_postures, fold_numbers
 from aacmm_pin.calibration.estimation import fit
 from aacmm_pin.calibration.parameters import is_reestimated, length_to_hold
 from aacmm_pin.calibration.setup import checked_input
-from aacmm_pin.diagnosis.budget import BEYOND, SHARED, STRUCTURE, BudgetPart, budget_of
+from aacmm_pin.diagnosis.budget import budget_of
 from aacmm_pin.diagnosis.candidates import candidates, known_causes
 from aacmm_pin.diagnosis.covariates import covariates
 from aacmm_pin.diagnosis.discrepancy import described_model
 from aacmm_pin.diagnosis.findings import findings_of
-from aacmm_pin.diagnosis.held_out_gain import Gain, gain_of, predicted_folds
+from aacmm_pin.diagnosis.held_out_gain import Gain, gain_of, held_out_distances
 from aacmm_pin.diagnosis.model_extension import ProblemOf, choose, free
 from aacmm_pin.diagnosis.result import Diagnosis, Finding
 from aacmm_pin.diagnosis.significance import visible
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
-from aacmm_pin.diagnosis.unexplained import Unexplained, exceeds_noise, unexplained_by
-from aacmm_pin.diagnosis.verdict import Evidence, doubts_of, verdict_of
+from aacmm_pin.diagnosis.unexplained import Unexplained, unexplained_by
+from aacmm_pin.diagnosis.verdict import judged
 from aacmm_pin.effects import (
     Discrepancy,
     Effect,
@@ -157,42 +157,23 @@ def diagnose(
     if model.arm.masses is None:
         notes.append(Note("masses_not_stated", {"arm": model.arm.name}))
     holds_out = hold_out and enough_postures(measurements)
-    folds = predicted_folds(choice, nominal, kind_of_fold, progress) if holds_out else []
-    findings = findings_of(model, choice, folds)
-    held_out_gain = gain_of(choice, folds, kind_of_fold, rng) if folds else None
+    held_out = held_out_distances(choice, nominal, kind_of_fold, progress) if holds_out else {}
+    findings = findings_of(model, choice, held_out)
+    held_out_gain = gain_of(choice, held_out, kind_of_fold, rng)
     if held_out_gain is not None and not findings:
         held_out_gain = held_out_gain.without_causes()
     unexplained = unexplained_by(choice, held_out_gain, bool(findings))
     # Without a finding nothing explains what the recalibrated arm alone excludes.
     judged_fits = [choice.fit] if findings else [choice.fit, first_recalibration]
-    named = [finding.label for finding in findings]
     budget = budget_of(choice, nominal, unexplained.discrepancy, unexplained.shared_by_postures)
-    certain_labels = {
-        f.label for f in findings if f.probability >= THRESHOLDS.settled and f.borne_out
-    }
-    evidence = Evidence(
-        findings=tuple(findings),
-        structure=unexplained.structure or exceeds_noise(choice.fit),
-        structure_left=unexplained.left,
-        more=choice.posterior.beyond(named),
-        visible=visible(choice.posterior),
-        otherwise=choice.otherwise,
-        no_better=_no_better(model.arm, findings, held_out_gain, bool(choice.covariates)),
-        contradicted=_contradictions(judged_fits),
-        agree=choice.posterior.agree,
-        fits=(recalibrated, choice.fit),
-        named=sum(part.mean_square for part in budget if certain_labels.intersection(part.causes)),
-        nameless=_nameless_square(budget, choice.fit),
-    )
-    doubts = doubts_of(evidence)
-    if evidence.no_better:
+    no_better = _no_better(model.arm, findings, held_out_gain, bool(choice.covariates))
+    if no_better:
         extended, of_model = calibrated_model(recalibrated), recalibrated
     elif with_discrepancy:
         extended, of_model = described_model(model, choice, problem_with)
     else:
         extended, of_model = calibrated_model(choice.fit, choice.curves), choice.fit
-    return Diagnosis(
-        verdict=verdict_of(evidence, doubts),
+    result = Diagnosis(
         findings=tuple(findings),
         model=_as_found(extended, choice.fit.noise_is_stated, findings, unexplained),
         before=nominal,
@@ -203,13 +184,13 @@ def diagnose(
         held_out=held_out_gain,
         unexplained=unexplained,
         noise=choice.fit.noise_rms,
-        visible=evidence.visible,
+        visible=visible(choice.posterior),
         assumed=tuple(notes),
-        doubts=doubts,
-        otherwise=choice.otherwise,
-        contradicted=evidence.contradicted,
+        no_better=no_better,
+        contradicted=_contradictions(judged_fits),
         budget=budget,
     )
+    return judged(result)
 
 
 def _contradictions(fits: Sequence[Fit]) -> tuple[Note, ...]:
@@ -220,15 +201,6 @@ def _contradictions(fits: Sequence[Fit]) -> tuple[Note, ...]:
         for note in contradiction_notes(one_fit)
     }
     return tuple(contradicted.values())
-
-
-def _nameless_square(budget: Sequence[BudgetPart], extended: Fit) -> float:
-    """Mean square displacement by what has no name, with noise beyond the stated [m²]."""
-    nameless_parts = (STRUCTURE, SHARED, BEYOND)
-    nameless = sum(part.mean_square for part in budget if part.part in nameless_parts)
-    if extended.noise_is_stated:
-        nameless += budget[-1].mean_square - extended.noise_rms**2
-    return max(nameless, 0.0)
 
 
 def _no_better(

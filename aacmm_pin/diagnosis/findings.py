@@ -11,24 +11,24 @@ from aacmm_pin.calibration import geometric_parameters
 from aacmm_pin.diagnosis.candidates import is_change
 from aacmm_pin.diagnosis.choice import Choice
 from aacmm_pin.diagnosis.design_matrix import typical_of
-from aacmm_pin.diagnosis.held_out_gain import Fold, cause_gain
+from aacmm_pin.diagnosis.held_out_gain import HeldOut, cause_gain
 from aacmm_pin.diagnosis.nonlinear_parameters import NonlinearInterval, interval_of_step
 from aacmm_pin.diagnosis.result import Finding
 from aacmm_pin.diagnosis.significance import aliases_of, family_wise_p_value, retained
 from aacmm_pin.effects import Effect, ErrorModel, slides, values_with_u
 
 
-def findings_of(model: ErrorModel, choice: Choice, folds: list[Fold]) -> list[Finding]:
+def findings_of(model: ErrorModel, choice: Choice, held_out: HeldOut) -> list[Finding]:
     """The causes, strongest first, with the values of the last refit; geometric values last."""
 
     def is_geometric(finding: Finding) -> bool:
         return bool(geometric_parameters(model.arm, finding.effect))
 
-    findings = [_finding(model, choice, folds, block) for block in choice.causes]
+    findings = [_finding(model, choice, held_out, block) for block in choice.causes]
     return sorted(findings, key=is_geometric)
 
 
-def _finding(model: ErrorModel, choice: Choice, folds: list[Fold], block: int) -> Finding:
+def _finding(model: ErrorModel, choice: Choice, held_out: HeldOut, block: int) -> Finding:
     """The cause of a block, with its values, probability, aliases and gain."""
     by_identity = {estimate[0].identity: estimate for estimate in estimated(choice)}
     # Of several effects with one label the new one comes last.
@@ -69,7 +69,7 @@ def _finding(model: ErrorModel, choice: Choice, folds: list[Fold], block: int) -
         p_value=family_wise_p_value(choice.candidates, without_block, block),
         retained_fraction=retained(without_block, block),
         aliases=tuple(aliases_of(choice.posterior, choice.library, block)),
-        brought=None if is_geometric else cause_gain(choice, folds, block),
+        brought=None if is_geometric else cause_gain(choice, held_out, block),
         inner=nonlinear_values,
         slides=slides(effect, choice.fit.problem.model.arm),
         beside=whole_arm,

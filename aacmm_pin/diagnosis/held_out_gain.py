@@ -4,7 +4,8 @@ other, and predict the fold.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections import defaultdict
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -25,6 +26,10 @@ from aacmm_pin.diagnosis.thresholds import THRESHOLDS
 RESAMPLES = 2000
 """Bootstrap resamples of the folds for the 95 % interval of the gain."""
 PREDICTED_BY = ("nominal", "recalibrated", "extended", "with_discrepancy")
+
+
+HeldOut = Mapping[str | int, Array]
+"""Distances of held-out records by each model, see :func:`held_out_distances`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,115 +81,93 @@ class Gain(Shown):
         return 1.0 - rms(self.with_discrepancy) / rms(self.extended)
 
 
-@dataclass(frozen=True, eq=False)
-class Fold:
-    """Distances of the records of one fold, as all other records predict them.
+def held_out_distances(choice: Choice, nominal: Fit, kind: str, progress: Progress) -> HeldOut:
+    """Leave out every fold in turn; choose and fit with the others; predict it.
 
-    Attributes:
-        by_model: distances by each of the models (m,) [m].
-        by_median: by the median probability model of all records, fitted to the others (m,) [m].
-        without: the same without one of its causes, by the number of its block.
-    """
+    Args:
+        nominal: the arm as stated, set-up fitted.
 
-    rows: Index
-    by_model: Mapping[str, Array]
-    by_median: Array
-    without: Mapping[int, Array]
-
-
-def predicted_folds(choice: Choice, nominal: Fit, kind: str, progress: Progress) -> list[Fold]:
-    """Leave out every fold in turn; choose and fit with the others; predict it. ``nominal``: the
-    arm as stated, set-up fitted.
+    Returns:
+        Distances of the records (n,) [m], nan for none, by each of :data:`PREDICTED_BY`; by
+        ``"median"``, the median probability model of all records, fitted to the others; and by this
+        without one of its causes, by the number of its block.
     """
     gram_of_all = choice.gram_of_folds
     numbers = np.unique(choice.folds[choice.counted]).tolist()
+    held_out = defaultdict[str | int, Array](lambda: np.full(choice.folds.size, np.nan))
     with watched(numbers, progress, f"held-out {kind}", "part") as watched_numbers:
-        folds = [_fold(choice, nominal, gram_of_all, number) for number in watched_numbers]
-    return [fold for fold in folds if fold is not None]
+        for number in watched_numbers:
+            rows = np.flatnonzero(choice.counted & (choice.folds == number))
+            poses_by_model = _fold(choice, gram_of_all, number, rows)
+            if poses_by_model:
+                poses_by_model["nominal"] = nominal.point.prediction.poses[rows]
+            records = choice.fit.problem.measurements.take(rows)
+            for model, poses in poses_by_model.items():
+                held_out[model][rows] = distances(records, poses, lever=choice.fit.lever)
+    return held_out
 
 
-def _fold(choice: Choice, nominal: Fit, gram_of_all: Gram, fold_number: int) -> Fold | None:
-    """Choose and fit without the records of a fold, and predict them; None if these have
-    no more rows than unknown coordinates of seats.
+def _fold(choice: Choice, gram_of_all: Gram, fold: int, rows: Index) -> dict[str | int, Array]:
+    """Choose and fit without the records of a fold, and predict the poses of some of these; empty
+    if they have no more coordinates than unknown coordinates of seats.
     """
-    in_fold = choice.folds == fold_number
-    gram_of_fold = gram_of(choice.design, choice.noise, [in_fold])
+    gram_of_fold = gram_of(choice.design, choice.noise, [choice.folds == fold])
     if not gram_of_fold.free:
-        return None
-    space = choice.posterior.space
+        return {}
+    space, median_of_all = choice.posterior.space, choice.posterior.median
     amplitudes = tuple(dict.fromkeys((0.0, choice.posterior.median_model.base.amplitude)))
     gram_of_others = gram_of_all.without(gram_of_fold)
     space_of_others = ModelSpace(space.candidates, gram_of_others, space.stated, amplitudes)
-    rows = np.flatnonzero(choice.counted & in_fold)
-    records = choice.fit.problem.measurements.take(rows)
-    median_of_all = choice.posterior.median
-
-    def distances_of(poses: Array) -> Array:
-        return distances(records, poses, lever=choice.fit.lever)
 
     def predicted(state: ModelState, with_discrepancy: bool = False) -> Array:
-        """Distances of the fold's records by a state, fitted to the others. Known causes keep their
-        stated values unless their change is among its blocks. With the discrepancy, it has the
-        amplitude that all records give it; else none.
+        """Poses of the records by a state, fitted to the others. Known causes keep their stated
+        values unless their change is among its blocks. With the discrepancy, it has the amplitude
+        that all records give it; else none.
         """
         amplitude = len(space_of_others.amplitudes) - 1 if with_discrepancy else 0
         state_of_others = state._replace(amplitude=amplitude)
-        fitted = space_of_others.conditional(state_of_others, as_stated=True)
-        return distances_of(fitted.tips(rows))
+        return space_of_others.conditional(state_of_others, as_stated=True).tips(rows)
 
-    median_of_others = explore_from(space_of_others, median_of_all).median
-    state_chosen_by_others = space_of_others.marginal(median_of_others).best
-    state_of_median = space_of_others.marginal(median_of_all).best
-    candidates = space_of_others.candidates
-    by_model = (
-        distances_of(nominal.point.prediction.poses[rows]),
-        predicted(state_chosen_by_others.of(())),
-        predicted(state_chosen_by_others.of([*filter(candidates.is_cause, median_of_others)])),
-        predicted(state_chosen_by_others, with_discrepancy=True),
-    )
-    return Fold(
-        rows=rows,
-        by_model=dict(zip(PREDICTED_BY, by_model, strict=True)),
-        by_median=predicted(state_of_median),
-        without={
-            k: predicted(state_of_median.of(without_block(median_of_all, k))) for k in choice.causes
-        },
-    )
+    chosen = space_of_others.marginal(explore_from(space_of_others, median_of_all).median).best
+    median = space_of_others.marginal(median_of_all).best
+    causes_chosen = [*filter(space.candidates.is_cause, chosen.blocks)]
+    return {
+        "recalibrated": predicted(chosen.of(())),
+        "extended": predicted(chosen.of(causes_chosen)),
+        "with_discrepancy": predicted(chosen, with_discrepancy=True),
+        "median": predicted(median),
+        **{k: predicted(median.of(without_block(median_of_all, k))) for k in choice.causes},
+    }
 
 
-def gain_of(
-    choice: Choice, folds: Sequence[Fold], kind: str, rng: np.random.Generator
-) -> Gain | None:
-    """The distances of all folds together, as in :attr:`Choice.counted`. None if no fold can be
-    compared, as with one record of each unknown seat.
+def gain_of(choice: Choice, held_out: HeldOut, kind: str, rng: np.random.Generator) -> Gain | None:
+    """The gain by :func:`held_out_distances`, of the records as in :attr:`Choice.counted`. None if
+    no fold can be compared, as with one record of each unknown seat.
     """
-    distances_by = {model: np.full(choice.folds.size, np.nan) for model in PREDICTED_BY}
-    for fold in folds:
-        for model, distances_of_fold in fold.by_model.items():
-            distances_by[model][fold.rows] = distances_of_fold
-    if not np.isfinite(distances_by["extended"]).any():
+    by_model = {model: held_out[model] for model in PREDICTED_BY if model in held_out}
+    if not by_model or not np.isfinite(by_model["extended"]).any():
         return None
-    recalibrated, extended = distances_by["recalibrated"], distances_by["extended"]
+    sums_of_folds = _sums_of_folds(by_model["recalibrated"], by_model["extended"], choice.folds)
     return Gain(
         kind=kind,
-        groups=len(folds),
-        **distances_by,
+        groups=len(sums_of_folds),
+        **by_model,
         folds=choice.folds,
         excluded=int((choice.counted & ~choice.fit.used).sum()),
         gross_errors=int((choice.fit.excluded & ~choice.counted).sum()),
-        interval=_interval(recalibrated, extended, choice.folds, rng),
+        interval=_interval(sums_of_folds, rng),
     )
 
 
-def _interval(
-    recalibrated: Array, extended: Array, folds: Index, rng: np.random.Generator
-) -> tuple[float, float]:
-    """The 95 % interval of the gain, by distances (n,) [m] of resampled folds."""
-    squares = np.square(np.stack([recalibrated, extended]))
-    fold_numbers = np.unique(folds[np.isfinite(extended)])
-    sums_of_folds = np.array(
-        [np.nansum(squares[:, folds == number], axis=1) for number in fold_numbers]
-    )
+def _sums_of_folds(before: Array, after: Array, folds: Index) -> Array:
+    """Sums of the squares of distances (n,) before and after in each fold with any (folds, 2)."""
+    squares = np.square(np.stack([before, after]))
+    numbers = np.unique(folds[np.isfinite(after)])
+    return np.array([np.nansum(squares[:, folds == number], axis=1) for number in numbers])
+
+
+def _interval(sums_of_folds: Array, rng: np.random.Generator) -> tuple[float, float]:
+    """The 95 % interval of the gain, by resampled folds; see :func:`_sums_of_folds`."""
     resampled_folds = rng.integers(0, len(sums_of_folds), (RESAMPLES, len(sums_of_folds)))
     recalibrated_sum, extended_sum = sums_of_folds[resampled_folds].sum(axis=1).T
     gains = 1.0 - np.sqrt(extended_sum / recalibrated_sum)
@@ -200,26 +183,22 @@ class Brought(NamedTuple):
     high: float
 
 
-def cause_gain(choice: Choice, folds: list[Fold], block: int) -> Brought | None:
+def cause_gain(choice: Choice, held_out: HeldOut, block: int) -> Brought | None:
     """By how much a cause lowers the RMS of held-out records, each distance over its own noise.
 
     Every fold is predicted by the others with and without the block. The squares that it saves are
     a ratio of sums over the folds, with an interval by Student's t (Cochran 1977, 6.4). None if too
     few folds say something of it, as of a group that is left out whole.
     """
-    if not folds or choice.in_one_fold(block):
+    if not held_out or choice.in_one_fold(block):
         return None
-    variance = np.trace(choice.fit.residual_noise[:, :3, :3], axis1=1, axis2=2)
-    sums_of_folds = []
-    for fold in folds:
-        if np.isfinite(fold.by_median).any():
-            distances_of_both = np.stack([fold.by_median, fold.without[block]])
-            relative_squares = np.square(distances_of_both) / variance[fold.rows]
-            sums_of_folds.append(np.nansum(relative_squares, axis=1))
+    noise = np.sqrt(np.trace(choice.fit.residual_noise[:, :3, :3], axis1=1, axis2=2))
+    without, median = held_out[block] / noise, held_out["median"] / noise
+    sums_of_folds = _sums_of_folds(without, median, choice.folds)
     count = len(sums_of_folds)
     if count < THRESHOLDS.fewest_groups:
         return None
-    sums_with, sums_without = np.array(sums_of_folds).T
+    sums_without, sums_with = sums_of_folds.T
     sum_without = sums_without.sum()
     ratio = float(sums_with.sum() / sum_without)
     squared_scatter = np.sum((sums_with - ratio * sums_without) ** 2)

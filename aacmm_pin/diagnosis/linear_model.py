@@ -116,9 +116,17 @@ class Left:
         return self.before.chi2 - float(self.whitened_residual @ self.whitened_residual)
 
     def products(self, block: int) -> Array:
-        """Products of a block's parameters (q, columns + 1)."""
-        explained = self.before.design.blocks[block].in_parameters(self.whitened)
-        return np.asarray(self.before.products(block) - explained.T @ self.whitened)
+        """Products of a block's parameters (q, columns + 1), of which the last are kept."""
+        products = self._kept.get(block)
+        if products is None:
+            explained = self.design.blocks[block].in_parameters(self.whitened)
+            products = self.before.products(block) - explained.T @ self.whitened
+        keep(self._kept, block, products, KEPT)
+        return products
+
+    @cached_property
+    def _kept(self) -> dict[int, Array]:
+        return {}
 
     def of_block(self, block: int) -> tuple[Array, Array]:
         """Information of a block (q, q), and its products with the residual (q,)."""
@@ -214,18 +222,6 @@ class Base:
         # what is known of others.
         factor = lower_factor(products + np.diag(self.prior), np.diag(products))
         return Left(self.gram, rows, factor)
-
-    def products(self, block: int) -> Array:
-        """Products of a block's parameters (q, columns + 1), of which the last are kept."""
-        products = self._kept.get(block)
-        if products is None:
-            products = self.left.products(block)
-        keep(self._kept, block, products, KEPT)
-        return products
-
-    @cached_property
-    def _kept(self) -> dict[int, Array]:
-        return {}
 
     def estimate(self, others: Array) -> Array:
         """Minus the posterior mean of nuisances and background (b, r), for coefficients of all
@@ -346,12 +342,8 @@ class Conditional:
     @cached_property
     def rows(self) -> Array:
         """Products of the set's parameters (m, columns + 1)."""
-        rows = [self.before.products(k) for k in self.blocks]
+        rows = [self.before.left.products(k) for k in self.blocks]
         return np.concatenate([np.zeros((0, self.design.width + 1)), *rows])
-
-    def products(self, block: int) -> Array:
-        """Products of another block's parameters beside the set (q, columns + 1)."""
-        return self.left.products(block)
 
     @cached_property
     def information(self) -> Array:

@@ -13,7 +13,7 @@ from scipy.special import logsumexp
 from aacmm_pin._support.checks import Array
 from aacmm_pin.calibration import Fit
 from aacmm_pin.diagnosis.candidates import Variants, is_change
-from aacmm_pin.diagnosis.choice import Choice
+from aacmm_pin.diagnosis.choice import Choice, noise_is_known
 from aacmm_pin.diagnosis.design_matrix import design_of
 from aacmm_pin.diagnosis.gram_matrix import gram_of
 from aacmm_pin.diagnosis.model_space import Blocks, Candidates, ModelSpace
@@ -27,11 +27,6 @@ PARTS_OF_STEP = 200
 """Parts of the distance of two tried values, over which their evidence is summed."""
 UNREFUSED = 3.0
 """The used records refuse a time of a step if its log evidence is so far below the largest."""
-
-
-def noise_is_known(at: Fit) -> bool:
-    """Whether the stated noise is all that the fit found."""
-    return at.noise_is_stated and at.noise.scatters.of_targets == 0.0
 
 
 def refined_causes(choice: Choice, causes: Blocks) -> list[Effect]:

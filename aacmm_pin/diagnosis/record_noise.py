@@ -131,24 +131,24 @@ class RecordNoise:
         record.
         """
         residual = np.einsum("nij,nj->ni", self.whitening, deviations)
-        log_of_nothing_shared, likeliest = _likeliest(self, residual, dof)
+        likeliest, log_shared, log_nothing_shared = _fitted(self, residual, dof)
         if self.by_reading.size:
-            by_readings = replace(self, of_readings=True)
-            _, of_readings = _likeliest(by_readings, residual, dof)
-            _, ungrouped = _likeliest(by_readings.ungrouped, residual, dof)
-            log_of_others = max(log_of_nothing_shared, likeliest.log_ratio, ungrouped.log_ratio)
-            if of_readings.log_ratio > log_of_others + THRESHOLDS.readings:
-                likeliest = of_readings
-                log_of_nothing_shared = max(log_of_nothing_shared, ungrouped.log_ratio)
-        log_ratio = likeliest.log_ratio - log_of_nothing_shared
-        return replace(likeliest, log_ratio=log_ratio) if log_ratio > 0.0 else self
-
-    @property
-    def ungrouped(self) -> RecordNoise:
-        """The noise, in which each record of a group is a group of its own."""
-        inside = self.group >= 0
-        group = np.where(inside, np.cumsum(inside) - 1, -1)
-        return replace(self, group=group, coordinates=self.coordinates[self.group[inside]])
+            of_readings = replace(self, of_readings=True)
+            in_group = self.group >= 0
+            record_by_record = replace(
+                of_readings,
+                group=np.where(in_group, np.cumsum(in_group) - 1, -1),
+                coordinates=self.coordinates[self.group[in_group]],
+            )
+            likeliest_of_readings, log_of_readings, _ = _fitted(of_readings, residual, dof)
+            _, log_record_by_record, _ = _fitted(record_by_record, residual, dof)
+            log_of_others = max(log_nothing_shared, log_shared, log_record_by_record)
+            if log_of_readings > log_of_others + THRESHOLDS.readings:
+                likeliest, log_shared = likeliest_of_readings, log_of_readings
+                log_nothing_shared = max(log_nothing_shared, log_record_by_record)
+        if log_shared <= log_nothing_shared:
+            return self
+        return replace(likeliest, log_ratio=log_shared - log_nothing_shared)
 
     def log_density(self, dof: float) -> float:
         """What the shared error adds to the log likelihood beside χ²."""
@@ -355,10 +355,9 @@ def reading_units(fit: Fit) -> Array:
     return np.where(slides, average_lever, 1.0)
 
 
-def _likeliest(noise: RecordNoise, residual: Array, dof: float) -> tuple[float, RecordNoise]:
-    """Restricted log likelihood of groups that share nothing, with the best variance of a record;
-    and the noise with the likeliest shared error of its kind, whose ``log_ratio`` is here the log
-    likelihood itself.
+def _fitted(noise: RecordNoise, residual: Array, dof: float) -> tuple[RecordNoise, float, float]:
+    """The noise with the likeliest shared error of its kind, and the restricted log likelihoods
+    with this and with nothing shared, each with the best variance of a record.
     """
     inside = (noise.group >= 0)[:, None]
     whitened = noise.correlation.whitened(np.where(inside, residual, 0.0))
@@ -383,12 +382,8 @@ def _likeliest(noise: RecordNoise, residual: Array, dof: float) -> tuple[float, 
         method="bounded",
     )
     ratio = float(np.exp(best.x))
-    return log_likelihood(0.0), replace(
-        noise,
-        ratio=ratio,
-        log_ratio=-float(best.fun),
-        record=float(np.sqrt(chi2(ratio) / dof_of_all)),
-    )
+    record = float(np.sqrt(chi2(ratio) / dof_of_all))
+    return replace(noise, ratio=ratio, record=record), -float(best.fun), log_likelihood(0.0)
 
 
 def _squared(rows: Array) -> Array:

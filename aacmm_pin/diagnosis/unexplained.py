@@ -13,9 +13,8 @@ from aacmm_pin._support.distributions import chi2_sf
 from aacmm_pin._support.notes import Note
 from aacmm_pin.calibration import Fit
 from aacmm_pin.calibration.shared_exclusions import Shared, shared_by
-from aacmm_pin.diagnosis.choice import Choice
+from aacmm_pin.diagnosis.choice import Choice, noise_is_known
 from aacmm_pin.diagnosis.held_out_gain import Gain
-from aacmm_pin.diagnosis.nonlinear_parameters import noise_is_known
 from aacmm_pin.diagnosis.odd_groups import OddGroup, odd_groups
 from aacmm_pin.diagnosis.run_order import RunOrder, run_order_of
 from aacmm_pin.diagnosis.significance import family_wise_p_value, p_value_of_structure
