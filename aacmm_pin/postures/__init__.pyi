@@ -11,7 +11,7 @@ from .curve_sampling import Flexibility, sector_centres
 from .general_ik import ReachingPostures, reaching_postures
 from .postures_at_point import PosturesAtPoint
 from .sampling import StateOf, agile, brought_to, different_postures, spread_out
-from .wrist_ik import WRIST_ROW, Wrist, box_of_wrist
+from .wrist import WRIST_ROW, Wrist, box_of_wrist
 
 __all__ = [
     "TIP_JOINTS",

@@ -27,21 +27,15 @@ from aacmm_pin.postures.curve_sampling import (
     evenly,
 )
 from aacmm_pin.postures.elbow_swivel import Swivel
+from aacmm_pin.postures.pose_equations import Equations
 from aacmm_pin.postures.postures_at_point import (
     PosturesAtPoint,
     in_degrees,
     missing_notes,
     open_curve_notes,
 )
-from aacmm_pin.postures.solution_curves import Curves
-from aacmm_pin.postures.tip_ik import tip_curves
-from aacmm_pin.postures.wrist_ik import (
-    FEW_PER_TURN,
-    WRIST_ROW,
-    Wrist,
-    reach_of_wrist,
-    wrist_curves,
-)
+from aacmm_pin.postures.solution_curves import Curves, all_curves
+from aacmm_pin.postures.wrist import WRIST_ROW, Wrist, reach_of_wrist
 
 if TYPE_CHECKING:
     from mpl_toolkits.mplot3d import Axes3D
@@ -50,8 +44,10 @@ WRIST = "frame5"
 """Frame of the working point of the paper."""
 TIP_JOINTS = WRIST_ROW + 1
 """Joints with which postures of given tip and stylus axis are closed curves."""
-SEEDS_PER_TURN = 24
-"""Held angles of each of the joints 1 to 4 to find the curves."""
+STARTS, STARTS_IN_MAP = 1000, 64
+"""Of Newton's method, for all curves at a point; fewer for each wrist of a map. At 239 hard places
+of the tip 600 starts found all curves that 6000 found; at 400 of the wrist 48 found those of 400.
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,7 +139,7 @@ def configuration_circle(
         ShapeError: a vector has a wrong shape or is not finite.
         AacmmError: ``axis`` with ``rest``, an axis of length zero, or a count below 3.
         UnsupportedArmError: no DH table with the required joints, or joint 5 moves the wrist; see
-            :meth:`aacmm_pin.postures.wrist_ik.Wrist.of_arm`.
+            :meth:`aacmm_pin.postures.wrist.Wrist.of_arm`.
     """
     arm = as_arm(arm)
     purpose = "a configuration circle"
@@ -152,7 +148,7 @@ def configuration_circle(
     count = whole(count, 3, "count")
     if axis is not None and rest is not None:
         raise AacmmError("rest cannot be combined with axis")
-    curves, components = _curves(arm, place[None], purpose, SEEDS_PER_TURN, axis, rest)
+    curves, components = _curves(arm, place[None], purpose, STARTS, axis, rest)
     wrist = components.wrist
     notes = open_curve_notes(curves.curves) + [Note("arm_degenerate")] * curves.degenerate
     notes += wrist.notes if wrist is not None and rest is None else []
@@ -232,7 +228,7 @@ def reach_of_points(
     """Reachability of ``points`` (m, 3) [m] by the wrist, or by the tip with the stylus along
     ``axis`` (3,), over equal ``sectors`` of swivel; errors name the ``purpose``.
     """
-    curves, components = _curves(arm, points, purpose, FEW_PER_TURN, axis)
+    curves, components = _curves(arm, points, purpose, STARTS_IN_MAP, axis)
     with_curves = [curve.problem for curve in curves.curves]
     open_curves = [curve.problem for curve in curves.curves if not curve.closed]
     reachable = np.zeros(len(points), dtype=bool)
@@ -247,7 +243,7 @@ def _curves(
     arm: Arm,
     points: Array,
     purpose: str,
-    per_turn: int,
+    starts_of_wrist: int,
     axis: ArrayLike | None,
     rest: ArrayLike | None = None,
 ) -> tuple[Curves, Components]:
@@ -256,8 +252,9 @@ def _curves(
     wrist = None
     if axis is None:
         wrist = Wrist.of_arm(arm, purpose, rest)
-        curves = wrist_curves(wrist, points, per_turn)
+        curves = all_curves(wrist.equations(points), starts_of_wrist)
     else:
-        curves = tip_curves(dh, points, *directed_stylus(arm, axis))
-    swivel = Swivel(dh, arm.up)
-    return curves, Components(swivel, curves.equations, points, curves.curves, wrist)
+        equations = Equations.of_axis(dh.chain.links(), points, *directed_stylus(arm, axis))
+        curves = all_curves(equations, STARTS)
+    components = Components(Swivel(dh, arm.up), curves.equations, points, curves.curves, wrist)
+    return curves, components

@@ -15,7 +15,7 @@ from aacmm_pin.arm import inside_part, into_limits, outside_limits
 from aacmm_pin.postures.elbow_swivel import Swivel
 from aacmm_pin.postures.pose_equations import Equations
 from aacmm_pin.postures.solution_curves import Curve, following
-from aacmm_pin.postures.wrist_ik import Wrist
+from aacmm_pin.postures.wrist import Wrist
 
 FINER = 16
 """Parts of each piece to measure a path."""

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from aacmm_pin._support.angles import spread_angles
 from aacmm_pin._support.checks import Array, Index, Mask
 from aacmm_pin.postures import continuation
 from aacmm_pin.postures.continuation import NO_CURVE
@@ -126,24 +127,31 @@ def following(curves: list[Curve]) -> Index:
     return next_vertex
 
 
-def all_curves(equations: Equations, seeds: Array, problem: Index, is_degenerate: bool) -> Curves:
-    """Every curve through solutions ``seeds`` (n, k + 1) [rad] of ``problem`` (n,), once."""
-    regular = _regular(equations, seeds, problem)
+def all_curves(equations: Equations, starts: int) -> Curves:
+    """Every curve to which Newton's method leads from so many evenly spread ``starts``, once."""
+    base, *links = equations.links[:, :3, 3]
+    distance = np.linalg.norm(equations.goals - base, axis=1)
+    in_reach = np.flatnonzero(distance <= np.linalg.norm(links, axis=1).sum())
+    spread = spread_angles(starts, len(links))
+    problem = np.repeat(in_reach, starts)
+    seeds, arrived = equations.polish(np.tile(spread, (len(in_reach), 1)), problem)
     curves = list[Curve]()
     families = dict[int, Array]()
     unfinished = set[int]()
-    order = np.argsort(problem, kind="stable")
-    numbers, first = np.unique(problem[order], return_index=True)
-    for number, rows in zip(numbers.tolist(), np.split(order, first)[1:], strict=True):
+    numbers, first = np.unique(problem[arrived], return_index=True)
+    seeds_of_problems = np.split(seeds[arrived], first)[1:]
+    for number, of_problem in zip(numbers.tolist(), seeds_of_problems, strict=True):
         search = CurveSearch(equations, number)
-        on_no_curve = search.add(seeds[rows], regular[rows]) == NO_CURVE
-        singular = rows[on_no_curve & ~regular[rows]]  # a crossing is singular, but on a curve
+        regular = _regular(equations, of_problem, number)
+        on_no_curve = search.add(of_problem, regular) == NO_CURVE
+        singular = of_problem[on_no_curve & ~regular]  # a crossing is singular, but on a curve
         if len(singular):
-            families[number] = seeds[singular[0]]
-        if (on_no_curve & regular[rows]).any():
+            families[number] = singular[0]
+        if (on_no_curve & regular).any():
             unfinished.add(number)
         curves += search.curves
-    return Curves(equations, curves, families, frozenset(unfinished), is_degenerate)
+    flat = degenerate(equations, spread)
+    return Curves(equations, curves, families, frozenset(unfinished), flat)
 
 
 def degenerate(equations: Equations, spread: Array) -> bool:
@@ -151,7 +159,7 @@ def degenerate(equations: Equations, spread: Array) -> bool:
     axes: solutions are then easily missed.
     """
     ratio, _ = flattest(equations, spread)
-    return bool(ratio.max(initial=0.0) < NEARLY_SINGULAR)
+    return bool(ratio.max() < NEARLY_SINGULAR)
 
 
 def flattest(equations: Equations, q: Array, problem: Index | int = 0) -> tuple[Array, Array]:
@@ -168,7 +176,7 @@ def flattest(equations: Equations, q: Array, problem: Index | int = 0) -> tuple[
     return ratio, vectors
 
 
-def _regular(equations: Equations, q: Array, problem: Index) -> Mask:
+def _regular(equations: Equations, q: Array, problem: int) -> Mask:
     """Solutions (n, k + 1) that are not singular: (n,).
 
     ``√det(J Jᵀ) / ‖J‖ᵏ``, a product of ratios of singular values, bounds the smallest; only if it
@@ -181,6 +189,6 @@ def _regular(equations: Equations, q: Array, problem: Index) -> Mask:
     bound = np.sqrt(np.maximum(determinant, 0.0))
     regular = np.asarray(bound > CLEARLY * SINGULAR)
     doubtful = np.flatnonzero(~regular)
-    ratio, _ = flattest(equations, q[doubtful], problem[doubtful])
+    ratio, _ = flattest(equations, q[doubtful], problem)
     regular[doubtful] = ratio > SINGULAR
     return regular

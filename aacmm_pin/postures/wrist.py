@@ -1,9 +1,4 @@
-"""All postures with the wrist at given places, as closed curves, without regard to limits.
-
-Seeds are from :mod:`aacmm_pin.postures.three_revolutes`, each of joints 1 to 4 held in turn: near
-the base axis curves run at almost constant θ3, and on it θ1 is free. Newton's method moves
-candidates to solutions; continuation follows each curve once around.
-"""
+"""The wrist: a point that joints 1 to 4 move, the others held."""
 
 from __future__ import annotations
 
@@ -14,16 +9,13 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
-from aacmm_pin._support.angles import spread_angles
-from aacmm_pin._support.checks import Array, Index, vector
+from aacmm_pin._support.checks import Array, vector
 from aacmm_pin._support.notes import Note
 from aacmm_pin._support.units import DEG, MM
-from aacmm_pin.arm import OF_A_POSE, Arm, DHTable, into_limits, screws, table
+from aacmm_pin.arm import OF_A_POSE, Arm, DHTable, into_limits, table
 from aacmm_pin.errors import UnsupportedArmError
 from aacmm_pin.postures.continuation import POINT
 from aacmm_pin.postures.pose_equations import Equations
-from aacmm_pin.postures.solution_curves import Curves, all_curves, degenerate
-from aacmm_pin.postures.three_revolutes import candidates
 
 POSITIONING = 4
 """Joints that place the wrist."""
@@ -37,8 +29,6 @@ GRID = 16
 """Angles of each of joints 1 to 4 to search for the reach."""
 STARTS = 4
 """Starts of a local search: 25 random arms all had the reach that 16 starts find."""
-FEW_PER_TURN = 3
-"""Held angles of each joint with many curves; with spread seeds they find all that 24 do."""
 
 
 @dataclass(frozen=True)
@@ -108,6 +98,10 @@ class Wrist:
             return []
         return [Note("wrist_joint_held", {"held": self.held})]
 
+    def equations(self, points: Array) -> Equations:
+        """Of the wrist at ``points`` (m, 3) [m]."""
+        return Equations(self.table.chain.links(), points, POINT)
+
     def full(self, q: Array) -> Array:
         """All joints from the first four: (n, nq) [rad]."""
         return np.hstack([q, np.tile(self.rest, (len(q), 1))])
@@ -146,50 +140,3 @@ def _extremes(wrist: Wrist, value_at: Callable[[Array], Array]) -> tuple[float, 
         ends = [scipy.optimize.minimize(signed, q, method="BFGS") for q in starts]
         extremes.append(sign * min(float(end.fun) for end in ends))
     return extremes[0], extremes[1]
-
-
-def wrist_curves(wrist: Wrist, points: Array, per_turn: int) -> Curves:
-    """Curves of joints 1 to 4 with the wrist at ``points`` (m, 3) [m]; each joint held at
-    ``per_turn`` angles.
-    """
-    links = wrist.table.chain.links()
-    equations = Equations(links, points, POINT)
-    distance = np.linalg.norm(points - links[0, :3, 3], axis=1)
-    longest = np.linalg.norm(links[1:, :3, 3], axis=1).sum()
-    in_reach = np.flatnonzero(distance <= longest)
-    held_seeds, their_points = _held_seeds(links, points[in_reach], per_turn)
-    seeds, number = with_spread(held_seeds, their_points, len(in_reach), 4 * per_turn)
-    problem = in_reach[number]
-    seeds, good = equations.polish(seeds, problem)
-    flat = len(points) > 0 and degenerate(equations, spread_angles(4 * per_turn, POSITIONING))
-    return all_curves(equations, seeds[good], problem[good], flat)
-
-
-def with_spread(seeds: Array, problem: Index, problems: int, count: int) -> tuple[Array, Index]:
-    """Seeds (n, joints) [rad] and their problems (n,), plus ``count`` spread ones for each
-    problem.
-    """
-    spread = np.tile(spread_angles(count, seeds.shape[1]), (problems, 1))
-    problem_of_spread = np.repeat(np.arange(problems), count)
-    return np.concatenate([seeds, spread]), np.concatenate([problem, problem_of_spread])
-
-
-def _held_seeds(links: Array, points: Array, per_turn: int) -> tuple[Array, Index]:
-    """Seeds (n, 4) [rad] and their points (n,): each joint held at some angles in turn, the other
-    three in closed form.
-    """
-    # Off the symmetric angles 0 and ±π.
-    angles = np.linspace(-np.pi, np.pi, per_turn, endpoint=False) + 0.37
-    rotations = screws(angles, 0.0, 2)
-    point, angle = np.indices((len(points), per_turn)).reshape(2, -1)
-    seeds = []
-    numbers = []
-    for held in range(POSITIONING):
-        constants = [np.broadcast_to(link, rotations.shape) for link in links[: POSITIONING + 1]]
-        constants[held : held + 2] = [constants[held] @ rotations @ links[held + 1]]
-        b0, b1, b2 = (transforms[angle] for transforms in constants[:3])
-        others, pair = candidates(b0, b1, b2, constants[3][angle, :3, 3], points[point])
-        q = np.insert(others, held, angles[angle[pair]], axis=1)
-        seeds.append(q)
-        numbers.append(point[pair])
-    return np.concatenate(seeds), np.concatenate(numbers)
