@@ -27,4 +27,4 @@ def run(
 ) -> None:
     from aacmm_pin.report import run_demo  # loads what draws
 
-    say(str(run_demo(folder=output, cells=cells, force=force)))
+    say(run_demo(folder=output, cells=cells, force=force))

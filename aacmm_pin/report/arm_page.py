@@ -36,17 +36,12 @@ def arm_document(arm: Arm) -> Document:
     if arm.stylus_axis is not None:
         words.append(f"the stylus along {vector(arm.stylus_axis)} of the tip's frame")
     words.append(f"lengths that hold at {arm.reference_temperature:g} °C")
-    uncertainty = "± precedes half-widths; values without ± are exact."
+    uncertainty = (
+        "± precedes half-widths, or U (k = 2) of calibrated parameters; values without ± are "
+        "exact. arm.parameters states the uncertainties of all parameters."
+    )
     if len(arm.without_uncertainty) == len(arm.parameters):
         uncertainty = "The arm file states no uncertainty, so that the accuracy is unknown."
-    elif arm.dh is None:
-        uncertainty = "arm.parameters states the half-widths of the placements of the joints."
-    elif arm.covariance is not None:
-        number = len(arm.covariance.parameters)
-        uncertainty = (
-            f"± precedes half-widths, or U (k = 2) for the {number} parameters of a calibration; "
-            "values without ± are exact."
-        )
     unexplained = f"The last calibration left an error unexplained ({arm.unexplained})."
     return Document(
         arm.name,

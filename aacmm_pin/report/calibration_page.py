@@ -394,13 +394,12 @@ def _parameters_section(result: Calibration) -> Iterator[Block]:
             f"The change of {beyond} (marked *) exceeds the stated half-width plus U. The model "
             "may lack a cause of error; run aacmm-pin diagnose."
         )
-    of_a_unit = table["unit"].value_counts().max()
-    tallest = len(table) if table["stated"].notna().any() else of_a_unit
     yield Figure(
-        lambda: plots.plot_parameter_changes(result, blank_axes(8.2, 1.2 + 0.24 * tallest)),
+        lambda: plots.plot_parameter_changes(result, blank_axes(8.2, 1.2 + 0.24 * len(table))),
         "Change of each parameter over its stated uncertainty",
         "The dots show the change of each parameter, and the bars show U (k = 2) after "
-        "calibration. If the arm file states a half-width, the grey band shows the half-width.",
+        "calibration. The grey band shows the half-widths in the arm file, or U if the arm file "
+        "states no half-widths.",
     )
 
 

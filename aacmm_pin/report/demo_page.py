@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
-from matplotlib.figure import Figure as Drawing
 
 from aacmm_pin._support.output_files import OutputFiles, json_text
 from aacmm_pin._support.text_escaping import csv_text, encodable
@@ -50,7 +50,6 @@ from aacmm_pin.report.document import (
     Download,
     Figure,
     Heading,
-    Paragraph,
     Table,
     blank_axes,
 )
@@ -101,72 +100,6 @@ ASSUMED = (
 )
 
 
-@dataclass(frozen=True)
-class DemoSummary:
-    """Sentences and files of the demonstration."""
-
-    folder: Path
-    files: tuple[str, ...]
-    findings: tuple[str, ...]
-    seconds: float
-
-    def __str__(self) -> str:
-        end = (
-            f"The demo wrote {len(self.files)} files in {self.seconds:.0f} s; open "
-            f"{self.folder / 'index.html'}"
-        )
-        return "\n".join([*self.findings, end])
-
-
-def _accuracy_section(
-    circle: ConfigurationCircle, accuracy: AccuracyVolume, summary: dict[str, Any]
-) -> list[Block]:
-    def draw() -> Any:
-        figure = Drawing(figsize=(7.2, 6.6), layout="constrained")
-        return plots.plot_circle(circle, accuracy, ax=figure.add_subplot(projection="3d"))
-
-    return [
-        Heading("Accuracy at one point"),
-        f"{circle}.",
-        Figure(
-            draw,
-            f"The elbow's path round the working point and {circle.arm.name} in five postures",
-            "The figure shows five postures and the path of the elbow. The colour of "
-            "the path shows the accuracy volume of each posture within the joint limits.",
-        ),
-        *accuracy_document(accuracy, summary).blocks,
-    ]
-
-
-def _figure_of_map(map_: WorkspaceMap, quantity: Quantity, words: str) -> Figure:
-    return Figure(
-        lambda: plots.plot_map(map_, quantity, blank_axes(6.0, 6.0)),
-        f"Map of {words} over distance from joint axis 1 and z",
-        f"The map shows {words} in each cell. Joint 1 rotates the arm about the z axis, so that "
-        "one half-plane represents the whole workspace.",
-    )
-
-
-def _diagnosis_section(diagnosis: Diagnosis, hidden: Effect, lines: list[Block]) -> list[Block]:
-    name = diagnosis.model.arm.name
-    true = {key: (value, 0.0) for key, value in hidden.file_values().items()}
-    rows = [("hidden", in_words(hidden), values_in_words(hidden, true))]
-    for finding in diagnosis.findings:
-        rows.append(("found", in_words(finding.effect), finding_values(finding)))
-    return [
-        Heading("Diagnosis of simulated records"),
-        f"A virtual {name} has an eccentric encoder. The geometry of the virtual arm differs from "
-        f"the arm file within the half-widths. The arm probes {SEATS} seats of known coordinates "
-        f"in {RECORDS} records. The diagnosis uses only the records and the arm file.",
-        *lines,
-        Table(
-            pd.DataFrame(rows, columns=["", "cause", "values"]),
-            "The hidden cause, and the causes that diagnose found, with U (k = 2)",
-        ),
-        *figures_of_causes(diagnosis),
-    ]
-
-
 def run_demo(
     arm_name: str = "sino6",
     folder: Path = Path("out"),
@@ -174,7 +107,7 @@ def run_demo(
     progress: bool = True,
     cells: tuple[int, int] = (48, 48),
     sectors: int = 12,
-) -> DemoSummary:
+) -> str:
     """Compute the demonstration and write it to ``folder``, whole or not at all.
 
     Args:
@@ -183,12 +116,15 @@ def run_demo(
         cells: cells of the map along x and z.
         sectors: sectors of the swivel angle.
 
+    Returns:
+        Lines with the results and the number of files.
+
     Raises:
         OutputError: the folder cannot be used.
         UnknownNameError, ArmFileError: the arm cannot be read.
         AacmmError: the arm states no uncertainty, or cannot reach the point within its limits.
     """
-    started, folder, when = time.perf_counter(), Path(folder), f"{datetime.now(UTC):%Y-%m-%d}"
+    started, when = time.perf_counter(), f"{datetime.now(UTC):%Y-%m-%d}"
     arm_file = load_arm_file(arm_name)
     arm = Arm.from_file(arm_file)
     with OutputFiles(force) as outputs:
@@ -202,35 +138,41 @@ def run_demo(
         result = diagnose(arm, data, encoder_noise=READING_NOISE, rng=rng, progress=progress)
         of_point = accuracy_summary(circle, accuracy, sectors)
         diagnosis = result.summary() | {"source": "measured.csv", "seed": SEED}
+        lines = answers(result, diagnosis["next_measurements"])
+        urdf = f"{arm.name.lower()}.urdf"
+        files = FILES | {urdf: "the arm for Pinocchio, lengths in metres"}
+        index = Document(
+            f"{arm.name}: postures, accuracy, diagnosis",
+            [
+                QUESTION,
+                *_accuracy(circle, accuracy, of_point, map_),
+                *_diagnosis(result, hidden, lines),
+                Heading("Assumptions"),
+                Bullets(ASSUMED),
+                Heading("Files"),
+                *(Download(name, text) for name, text in files.items()),
+                f"The demo made this page with seed {SEED} on {when}.",
+            ],
+            f"Geometry: {arm.source}",
+        )
         texts = {
-            f"{arm.name.lower()}.urdf": urdf_text(arm_file),
+            urdf: urdf_text(arm_file),
             "configurations.csv": csv_text(circle.columns()),
             "accuracy.json": json_text(of_point),
             "map.json": json_text(map_summary(map_)),
             "diagnosis.json": json_text(diagnosis),
             "diagnosis.html": page(diagnosis_document(result, diagnosis, when)),
             "postures.html": circle_scene(circle, accuracy).html(),
+            "index.html": page(index),
         }
-        files = sorted([*texts, "map.nc", "measured.csv", "index.html"])
-        lines = answers(result, diagnosis["next_measurements"])
-        story = [
-            *_accuracy_section(circle, accuracy, of_point),
-            Heading("Accuracy over the workspace"),
-            *map_document(map_).blocks,
-            *(_figure_of_map(map_, quantity, words) for quantity, words in MAPS.items()),
-            *_diagnosis_section(result, hidden, lines),
-        ]
-        texts["index.html"] = page(_index(arm, story, files, when))
         map_.save(outputs.file(folder / "map.nc"))
         data.save(outputs.file(folder / "measured.csv"))
         for name, text in texts.items():
             outputs.file(folder / name).write_text(encodable(text), encoding="utf-8")
-    findings = (
-        f"{accuracy}.",
-        f"{map_}.",
-        *(f"{line.head} {line.text}" for line in lines if isinstance(line, Paragraph)),
-    )
-    return DemoSummary(folder, tuple(files), findings, time.perf_counter() - started)
+    seconds = time.perf_counter() - started
+    findings = [f"{line.head} {line.text}" for line in lines]
+    end = f"The demo wrote {len(texts) + 2} files in {seconds:.0f} s; open {folder / 'index.html'}"
+    return "\n".join([f"{accuracy}.", f"{map_}.", *findings, end])
 
 
 def _make_folder(folder: Path, force: bool) -> None:
@@ -258,21 +200,46 @@ def _simulated(arm: Arm) -> tuple[Effect, Measurements]:
     return hidden, simulate_measurements(truth, "seats", RECORDS, rng=rng, seats=SEATS)
 
 
-def _index(arm: Arm, story: list[Block], files: list[str], when: str) -> Document:
-    names = [name for name in FILES if name in (*files, "site/index.html")]
-    links = [Download(name, FILES[name]) for name in names]
-    urdf = [name for name in files if name.endswith(".urdf")]
-    links += [Download(name, "the arm for Pinocchio, lengths in metres") for name in urdf]
-    return Document(
-        f"{arm.name}: postures, accuracy, diagnosis",
-        [
-            QUESTION,
-            *story,
-            Heading("Assumptions"),
-            Bullets(ASSUMED),
-            Heading("Files"),
-            *links,
-            f"The demo made this page with seed {SEED} on {when}.",
-        ],
-        f"Geometry: {arm.source}",
+def _accuracy(
+    circle: ConfigurationCircle,
+    accuracy: AccuracyVolume,
+    summary: dict[str, Any],
+    map_: WorkspaceMap,
+) -> Iterator[Block | str]:
+    yield Heading("Accuracy at one point")
+    yield f"{circle}."
+    yield Figure(
+        lambda: plots.plot_circle(circle, accuracy, ax=blank_axes(7.2, 6.6, projection="3d")),
+        f"The elbow's path round the working point and {circle.arm.name} in five postures",
+        "The figure shows five postures and the path of the elbow. The colour of "
+        "the path shows the accuracy volume of each posture within the joint limits.",
     )
+    yield from accuracy_document(accuracy, summary).blocks
+    yield Heading("Accuracy over the workspace")
+    yield from map_document(map_).blocks
+    for quantity, words in MAPS.items():
+        yield Figure(
+            partial(plots.plot_map, map_, quantity, blank_axes(6.0, 6.0)),
+            f"Map of {words} over distance from joint axis 1 and z",
+            f"The map shows {words} in each cell. Joint 1 rotates the arm about the z axis, so "
+            "that one half-plane represents the whole workspace.",
+        )
+
+
+def _diagnosis(result: Diagnosis, hidden: Effect, lines: Sequence[Block]) -> Iterator[Block | str]:
+    name = result.model.arm.name
+    yield Heading("Diagnosis of simulated records")
+    yield (
+        f"A virtual {name} has an eccentric encoder. The geometry of the virtual arm differs from "
+        f"the arm file within the half-widths. The arm probes {SEATS} seats of known coordinates "
+        f"in {RECORDS} records. The diagnosis uses only the records and the arm file."
+    )
+    yield from lines
+    true = {key: (value, 0.0) for key, value in hidden.file_values().items()}
+    rows = [("hidden", in_words(hidden), values_in_words(hidden, true))]
+    rows += [("found", in_words(found.effect), finding_values(found)) for found in result.findings]
+    yield Table(
+        pd.DataFrame(rows, columns=["", "cause", "values"]),
+        "The hidden cause, and the causes that diagnose found, with U (k = 2)",
+    )
+    yield from figures_of_causes(result)

@@ -62,7 +62,7 @@ from aacmm_pin.report.numbers import (
     p_value,
     percent,
 )
-from aacmm_pin.report.plots.groups import part_in_words, place_in_words
+from aacmm_pin.report.plots.groups import part_in_words
 from aacmm_pin.report.plots.partial_residuals import state_of, varies
 from aacmm_pin.report.plots.residual_vectors import models
 from aacmm_pin.report.verdicts import (
@@ -386,7 +386,7 @@ def residuals_table(result: Diagnosis) -> pd.DataFrame:
 # Sections ------------------------------------------------------------
 
 
-def answers(result: Diagnosis, planned: str) -> list[Block]:
+def answers(result: Diagnosis, planned: str) -> list[Paragraph]:
     """Paragraphs from the verdict to the next measurements."""
     sentences = {
         f"{capital(result.verdict.replace('-', ' '))}.": verdict_in_words(result),
@@ -449,7 +449,7 @@ def _groups_section(result: Diagnosis) -> Iterator[Block]:
         )
         return
     shown = worse[["records", "nominal_mm", "predicted_mm", "extended_mm", "times_predicted"]]
-    shown.insert(0, "group", [*map(place_in_words, worse["by"], worse["group"])])
+    shown.insert(0, "group", worse["by"] + ": " + worse["group"])
     yield Table(
         shown,
         "Groups of records with an RMS residual of the nominal arm above the prediction from the "

@@ -234,13 +234,8 @@ def shown_document(result: Shown) -> Document:
     names = [f.name for f in fields(result)]  # type: ignore[arg-type]
     names += [name for name, member in vars(kind).items() if isinstance(member, property)]
     values = {name: getattr(result, name) for name in names}
-    row = {name: [value] for name, value in values.items() if _is_plain(value)}
+    row = {name: [value] for name, value in values.items() if isinstance(value, str | int | float)}
     return Document(kind.__name__, [Table(pd.DataFrame(row), f"{kind.__name__}, in SI units")])
-
-
-def _is_plain(value: object) -> bool:
-    several = isinstance(value, tuple) and value and all(map(_is_plain, value))
-    return bool(several) or isinstance(value, str | int | float)
 
 
 def cell(value: object, form: Format = "") -> str:
@@ -256,11 +251,11 @@ def cell(value: object, form: Format = "") -> str:
     return format(value, form or ".4g") if isinstance(value, float) else str(value)
 
 
-def blank_axes(width: float, height: float) -> Axes:
-    """Axes of a new figure outside pyplot [inches]."""
+def blank_axes(width: float, height: float, **kind: Any) -> Any:
+    """Axes of a new figure outside pyplot [inches]; ``kind`` as for ``add_subplot``."""
     from matplotlib.figure import Figure as Drawing
 
-    return Drawing(figsize=(width, height), layout="constrained").add_subplot()
+    return Drawing(figsize=(width, height), layout="constrained").add_subplot(**kind)
 
 
 def are_numbers(texts: Iterable[str]) -> bool:

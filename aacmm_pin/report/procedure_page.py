@@ -5,8 +5,9 @@ from __future__ import annotations
 import pandas as pd
 from matplotlib.figure import Figure as Drawing
 
-from aacmm_pin._support.checks import Array
+from aacmm_pin._support.units import MM
 from aacmm_pin.postures import places
+from aacmm_pin.report.arm_wireframe import ArmLines
 from aacmm_pin.report.document import (
     Bullets,
     Document,
@@ -16,8 +17,7 @@ from aacmm_pin.report.document import (
     Table,
     document_of,
 )
-from aacmm_pin.report.plots.residual_vectors import two_views
-from aacmm_pin.report.plots.style import BLUE, GREEN, GREY, VERMILLION
+from aacmm_pin.report.plots.style import BLUE, GREEN, GREY, INK, VERMILLION, without_latex
 from aacmm_pin.verification import ASME, EDITIONS, RULE_OF, Procedure
 
 ARTEFACTS = {
@@ -148,11 +148,27 @@ def _steps(points: pd.DataFrame) -> pd.DataFrame:
     return table.assign(probe=times + first["feature"], posture=first["articulation"])
 
 
+@without_latex()
 def procedure_views(procedure: Procedure) -> Drawing:
     """The artefacts around the arm, from above and from the side."""
-    groups: dict[str, tuple[str, list[tuple[str, Array]]]] = {}
-    for (kind, position), ends in _ends(procedure).groupby(["kind", "position"], sort=False):
-        name, colour = ARTEFACTS[str(kind)]
-        label = "" if kind == "volumetric" else str(position)
-        groups.setdefault(name, (colour, []))[1].append((label, ends[["x", "y", "z"]].to_numpy()))
-    return two_views(procedure.arm, procedure.q[:1], groups)
+    lines = ArmLines(procedure.arm).corners(procedure.q[:1])[0] / MM
+    figure = Drawing(figsize=(10.0, 5.6), layout="constrained")
+    views = figure.subplots(1, 2)
+    titles = ("View from above (along -z)", "View from the side (along y)")
+    for view, ordinate, title in zip(views, "yz", titles, strict=True):
+        plane = ["x", ordinate]
+        for (kind, position), ends in _ends(procedure).groupby(["kind", "position"], sort=False):
+            name, colour = ARTEFACTS[str(kind)]
+            points = ends[plane].to_numpy() / MM
+            view.plot(*points.T, "o-", color=colour, ms=5, lw=1.2, label=name)
+            if kind != "volumetric":
+                offset = {"xytext": (5, 4), "textcoords": "offset points", "fontsize": 8}
+                view.annotate(str(position), points[0], color=colour, **offset)
+        view.plot(*lines[:, [0, "xyz".index(ordinate)]].T, color=INK, lw=2.5)
+        view.plot(0, 0, "s", color=INK, ms=7)
+        view.set(xlabel="x [mm]", ylabel=f"{ordinate} [mm]", title=title)
+        view.set_aspect("equal")
+        view.grid(color="#eeeeee")
+    handles = {line.get_label(): line for line in views[0].lines if line.get_label()[0] != "_"}
+    figure.legend(handles.values(), handles, loc="outside lower center", ncols=4)
+    return figure

@@ -33,8 +33,8 @@ def residuals_by_group(before: Fit, recalibrated: Fit, extended: Fit) -> pd.Data
 
     Returns:
         by, group, records, nominal_mm, predicted_mm, times_predicted, recalibrated_mm, extended_mm,
-        noise_mm, times_noise (extended), the largest times_predicted first; groups of at least two
-        records.
+        noise_mm, times_noise (extended), the largest times_predicted first, but with the joints
+        first in the index; groups of at least two records.
     """
     noise = np.trace(extended.stated_noise[:, :3, :3], axis1=1, axis2=2)
     squares = {
@@ -53,18 +53,13 @@ def residuals_by_group(before: Fit, recalibrated: Fit, extended: Fit) -> pd.Data
     table = pd.DataFrame(rows, columns=["by", "group", "records", *squares])
     table.insert(5, "times_predicted", table["nominal_mm"] / table["predicted_mm"])
     table["times_noise"] = table["extended_mm"] / table["noise_mm"]
-    return table.sort_values("times_predicted", ascending=False, ignore_index=True)
+    return table.sort_values("times_predicted", ascending=False)
 
 
 def _groups(fit: Fit) -> Iterator[tuple[str, str, Mask]]:
     """Kind of group (``joint 3``), name of the group, and its records (n,)."""
     records = fit.problem.measurements
     conditions = records.conditions
-    for name in ("seat", "marker", "session"):
-        labels = getattr(conditions, name)
-        for label in dict.fromkeys([] if labels is None else labels):
-            if label:
-                yield name, str(label), labels == label
     for j, slides in enumerate(fit.problem.model.arm.chain.prismatic):
         unit, scale = (" mm", MM) if slides else ("°", DEG)
         yield from _ranges(f"joint {j + 1}", records.q[:, j] / scale, unit)
@@ -72,6 +67,11 @@ def _groups(fit: Fit) -> Iterator[tuple[str, str, Mask]]:
         values = getattr(conditions, name)
         if values is not None:
             yield from _ranges(name, values, unit)
+    for name in ("seat", "marker", "session"):
+        labels = getattr(conditions, name)
+        for label in dict.fromkeys([] if labels is None else labels):
+            if label:
+                yield name, str(label), labels == label
 
 
 def _ranges(name: str, values: Array, unit: str) -> Iterator[tuple[str, str, Mask]]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.axes import Axes
 
-from aacmm_pin.report.plots.style import BLUE, GREEN, GREY, INK, VERMILLION, axes_of, plain
+from aacmm_pin.report.plots.style import BLUE, GREEN, GREY, INK, VERMILLION, axes_of, without_latex
 from papers.sino6.table2 import Table2
 from papers.sino6_table3.diagnosis import Table3Diagnosis
 from papers.sino6_table3.patterns import CONTACT, DH, ECCENTRICITY, GRAVITY, NOISE
@@ -41,7 +41,7 @@ BANDS = (
 )
 
 
-@plain
+@without_latex()
 def plot_table2(result: Table2, ax: Axes | None = None) -> Axes:
     """Bars of the number of cells by working sectors: printed, reproduced, exact."""
     ax = axes_of(ax, (8.0, 4.2))
@@ -82,7 +82,7 @@ def plot_table2(result: Table2, ax: Axes | None = None) -> Axes:
     return ax
 
 
-@plain
+@without_latex()
 def plot_iterations(ax: Axes | None = None) -> Axes:
     """Largest position error of the three points after each iteration: printed, rounded to 1 mrad,
     and unrounded.
@@ -134,7 +134,7 @@ def plot_iterations(ax: Axes | None = None) -> Axes:
     return ax
 
 
-@plain
+@without_latex()
 def plot_spreads(found: Table3Diagnosis, ax: Axes | None = None) -> Axes:
     """Measured spreads, and the predictions of each cause with the size that fits seats 1 to 5.
 
@@ -196,7 +196,7 @@ def _sized(cause: str) -> str:
     return "DH errors that fit seats 1–5" if cause == DH else cause
 
 
-@plain
+@without_latex()
 def plot_part_and_rest(found: Table3Diagnosis, ax: Axes | None = None) -> Axes:
     """Spread of the marked part divided by that of the rest, with the 5–95 % bands of four
     selections of the part.
@@ -231,7 +231,7 @@ def plot_part_and_rest(found: Table3Diagnosis, ax: Axes | None = None) -> Axes:
     return ax
 
 
-@plain
+@without_latex()
 def plot_bayes_factors(found: Table3Diagnosis, ax: Axes | None = None) -> Axes:
     """Logarithm of the Bayes factor of each cause relative to the best, for five and six seats."""
     ax = axes_of(ax, (7.6, 5.4))

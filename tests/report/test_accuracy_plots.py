@@ -72,12 +72,12 @@ def test_budget(accuracy):
         ax = plot_budget(accuracy, by)
         drawn(ax.figure)
         assert "[%]" in ax.get_xlabel()
-        assert sum(bar.get_width() for bar in ax.patches) == pytest.approx(100.0)
+        assert 99.0 < sum(bar.get_width() for bar in ax.patches) < 100.0 + 1e-9
         assert any("µm" in text.get_text() for text in ax.texts)
     ax = plot_budget(accuracy, most=3)
     names = [text.get_text() for text in ax.get_yticklabels()]
-    assert names == ["theta_offset3", "alpha4", "rest (15)"]
-    assert sum(bar.get_width() for bar in ax.patches) == pytest.approx(100.0)
+    assert names[:2] == ["theta_offset3", "alpha4"]
+    assert ax.get_title().endswith("the 3 largest of 17")
     with pytest.raises(AacmmError, match="expected at least 1"):
         plot_budget(accuracy, most=0)
 

@@ -4,12 +4,9 @@ from __future__ import annotations
 
 import base64
 import mimetypes
-import re
 from collections.abc import Iterable
-from functools import cache
 from typing import Any
 
-import jinja2
 from markupsafe import Markup
 
 from aacmm_pin.report.document import (
@@ -25,6 +22,7 @@ from aacmm_pin.report.document import (
     are_numbers,
 )
 from aacmm_pin.report.numbers import capital
+from aacmm_pin.report.templates import environment
 
 SHORT_TEXT = 22
 """Characters of a text that stays on one line of a table."""
@@ -34,9 +32,6 @@ ALIGNED = {
     "long": Markup(' style="text-align: left"'),
 }
 """Attribute of a cell without our style sheet: Jupyter aligns all to the right."""
-_TIES = re.compile(
-    r"(?<=[0-9=]) (?=(?:mm³|mm|µm|kB|%|°)(?!\w))|(?<==) (?=[-0-9])|(?<=[\wθζ]) (?==\s-?[0-9])"
-)
 
 
 def page(document: Document) -> str:
@@ -56,7 +51,7 @@ def page(document: Document) -> str:
         from aacmm_pin.report.scenes import shared_script  # loads meshcat
 
         viewer = Markup(shared_script())
-    template = _environment().get_template("report.html.j2")
+    template = environment().get_template("report.html.j2")
     return template.render(
         title=document.title,
         subtitle=document.subtitle,
@@ -70,25 +65,13 @@ def page(document: Document) -> str:
 
 def fragment(document: Document) -> str:
     """The short form as HTML without style sheet and colours."""
-    macros: Any = _environment().get_template("blocks.html.j2").module
+    macros: Any = environment().get_template("blocks.html.j2").module
     return str(macros.shown(_template_data(document.short(), on_page=False)))
 
 
 def data_uri(content: bytes, media: str) -> str:
     """``content`` as a ``data:`` URI of the given media type."""
     return f"data:{media};base64,{base64.b64encode(content).decode('ascii')}"
-
-
-@cache
-def _environment() -> jinja2.Environment:
-    return jinja2.Environment(
-        loader=jinja2.PackageLoader("aacmm_pin.report", "templates"),
-        autoescape=True,
-        finalize=_kept_together,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
 
 
 def _template_data(blocks: Iterable[Block], *, on_page: bool) -> list[dict[str, Any]]:
@@ -129,8 +112,3 @@ def _table_data(table: Table, on_page: bool) -> dict[str, Any]:
         "explained": table.explained if on_page else "",
         "aligned": dict.fromkeys(ALIGNED, "") if on_page else ALIGNED,
     }
-
-
-def _kept_together(value: object) -> object:
-    """Text with non-breaking spaces at units and equals signs."""
-    return _TIES.sub("\u00a0", value) if type(value) is str else value

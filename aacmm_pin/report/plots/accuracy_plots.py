@@ -9,7 +9,6 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap
-from matplotlib.patches import Patch
 
 from aacmm_pin._support.units import DEG, MM, MM3, UM
 from aacmm_pin.accuracy import QUANTITIES, AccuracyVolume, Quantity, WorkspaceMap, paired
@@ -19,7 +18,6 @@ from aacmm_pin.postures import WRIST, ConfigurationCircle, PosturesAtPoint, Reac
 from aacmm_pin.report.numbers import length
 from aacmm_pin.report.plots.style import (
     BLUE,
-    GREY,
     U_NAME,
     VERMILLION,
     VOLUME_COLOURS,
@@ -27,7 +25,7 @@ from aacmm_pin.report.plots.style import (
     axes_of,
     draw_bars,
     legend_below,
-    plain,
+    without_latex,
 )
 
 BudgetBy = Literal["parameter", "joint", "kind"]
@@ -37,6 +35,7 @@ NOT_THERE = "no mark: no posture within limits"
 ABOVE = 1.15
 """Upper end of the axes, in largest values."""
 UNREACHABLE, OUTSIDE_LIMITS = "#d9d9d9", "#cc79a7"
+OUTSIDE_WORDS = "in reach, no posture within the joint limits"
 MAP_UNITS = {
     "mm3": ("mm³", 1.0, VOLUME_COLOURS),
     "mm": ("µm", MM / UM, VOLUME_COLOURS),
@@ -45,7 +44,7 @@ MAP_UNITS = {
 """Unit in figures, its factor, and colours, by the unit of a variable of a map."""
 
 
-@plain
+@without_latex()
 def plot_accuracy_of_postures(
     postures: PosturesAtPoint, accuracy: AccuracyVolume, ax: Axes | None = None
 ) -> Axes:
@@ -92,7 +91,7 @@ def plot_accuracy_of_postures(
     return ax
 
 
-@plain
+@without_latex()
 def plot_budget(
     accuracy: AccuracyVolume,
     by: BudgetBy = "parameter",
@@ -102,8 +101,7 @@ def plot_budget(
     """Plot the uncertainty budget as bars: shares of the variance, with standard uncertainties as
     numbers.
 
-    A bar is a parameter, a joint or a kind of parameter, as ``by`` states. The last of ``most``
-    bars has all smaller shares.
+    A bar is a parameter, a joint or a kind of parameter, as ``by`` states; at most ``most`` bars.
 
     Raises:
         AacmmError: ``most`` is below 1, or ``accuracy`` has no posture.
@@ -113,40 +111,24 @@ def plot_budget(
             f"most is {most} and accuracy has {len(accuracy.q)} postures; expected at least "
             "1 of each"
         )
-    table, sources = _largest_shares(accuracy, by, most), accuracy.sources
-    ax = axes_of(ax, (7.0, 0.9 + 0.32 * len(table)))
-    labels = [
-        f"{100 * share:.1f} %" + ("" if np.isnan(u) else f",  {length(u * MM)}")
-        for share, u in zip(table["share"], table["u_mm"], strict=True)
-    ]
-    colours = [GREY if name.startswith("rest") else BLUE for name in table["name"]]
-    draw_bars(ax, list(table["name"]), 100 * table["share"], labels, colours)
-    ax.set_xlabel("share of the variance of the position [%] (labels: share, u)")
-    ax.set_title(f"{sources.arm.name} at {sources.at}: uncertainty budget by {by}")
-    return ax
-
-
-def _largest_shares(accuracy: AccuracyVolume, by: BudgetBy, most: int) -> pd.DataFrame:
-    """The ``most`` largest shares and the rest, with u (nan for a rest of correlated sources)."""
-    budget, arm = accuracy.budget(by), accuracy.sources.arm
+    arm, budget = accuracy.sources.arm, accuracy.budget(by)
     budget = budget[budget["share"] != 0].sort_values(
         "share", ascending=False, key=abs, kind="stable"
     )
-    names = []
-    for source in budget[by]:
+    names, labels = [], []
+    for source, share, u in zip(budget[by], budget["share"], budget["u_mm"], strict=True):
         name = f"{row_in_words(source, arm)} {source}" if by == "joint" else str(source)
         names.append("whole arm" if pd.isna(source) else name)
-    table = budget[["share", "u_mm"]].assign(name=names)
-    if len(table) <= most:
-        return table
-    smallest = table.iloc[most - 1 :]
-    sum_row = {"name": f"rest ({len(smallest)})", "share": smallest["share"].sum(), "u_mm": np.nan}
-    if accuracy.sources.correlation is None:
-        sum_row["u_mm"] = np.linalg.norm(smallest["u_mm"])
-    return pd.concat([table.head(most - 1), pd.DataFrame([sum_row])], ignore_index=True)
+        labels.append(f"{100 * share:.1f} %,  {length(u * MM)}")
+    ax = axes_of(ax, (7.0, 0.9 + 0.32 * len(names[:most])))
+    draw_bars(ax, names[:most], 100 * budget["share"].head(most), labels[:most], BLUE)
+    ax.set_xlabel("share of the variance of the position [%] (labels: share, u)")
+    part = f", the {most} largest of {len(names)}" if len(names) > most else ""
+    ax.set_title(f"{arm.name} at {accuracy.sources.at}: uncertainty budget by {by}{part}")
+    return ax
 
 
-@plain
+@without_latex()
 def plot_map(
     map_: WorkspaceMap, quantity: Quantity = "comprehensive_mm3", ax: Axes | None = None
 ) -> Axes:
@@ -166,19 +148,17 @@ def plot_map(
     if variable.greatest is not None:
         image.set_clim(vmin=0.0)
     ax.figure.colorbar(image, ax=ax, label=f"{variable.text} [{unit}]")
-    legend = []
-    only_outside_limits = reachable & np.isnan(values)
     for cells, colour, text in (
         (~reachable, UNREACHABLE, "out of reach"),
-        (only_outside_limits, OUTSIDE_LIMITS, "in reach, no posture within the joint limits"),
+        (reachable & np.isnan(values), OUTSIDE_LIMITS, OUTSIDE_WORDS),
     ):
         if cells.any():
             mask = np.where(cells, 0.0, np.nan).T
             ax.pcolormesh(x, z, mask, shading="nearest", cmap=ListedColormap([colour]))
-            legend.append(Patch(color=colour, label=text))
+            ax.scatter([], [], marker="s", color=colour, label=text)
     ax.set(xlabel=f"{x.long_name} [mm]", ylabel=f"{z.long_name} [mm]", aspect="equal")
-    if legend:
-        legend_below(ax, handles=legend)
+    if np.isnan(values).any():
+        legend_below(ax)
     title = f"{variable.text}, {map_.sectors} sectors, {data.attrs['method']}"
     working_point = "wrist" if data.attrs["working_point"] == WRIST else "tip"
     ax.set_title(f"{data.attrs['arm']}, {working_point} in each cell:\n{title}")

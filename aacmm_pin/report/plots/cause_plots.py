@@ -13,7 +13,6 @@ from aacmm_pin._support.checks import Array
 from aacmm_pin.diagnosis import Diagnosis, Finding
 from aacmm_pin.effects import in_words
 from aacmm_pin.errors import AacmmError
-from aacmm_pin.measurements import column_of
 from aacmm_pin.report.plots.groups import plot_error_budget
 from aacmm_pin.report.plots.partial_residuals import PartialResidual, partial_residual, varies
 from aacmm_pin.report.plots.style import (
@@ -26,9 +25,9 @@ from aacmm_pin.report.plots.style import (
     axes_of,
     legend_below,
     name_places,
-    plain,
     shifts_aside,
     with_cut_off,
+    without_latex,
 )
 from aacmm_pin.report.residual_tables import OF_RECORD
 
@@ -39,23 +38,12 @@ SHOWN_QUANTILES = (0.01, 0.99)
 ROOM_BEYOND_CURVE = 0.8
 """Room for records beyond the curve, in heights of the curve."""
 FEWEST_IN_PART = 3
-AXIS_COLOURS = dict(zip("xyz", (BLUE, VERMILLION, GREEN), strict=True))
+AXIS_COLOURS = (BLUE, VERMILLION, GREEN)
 MOST_PARTS = 24
 """Intervals of a covariate for means, at most."""
-ENDINGS = {
-    "urad": "µrad",
-    "um_per_m": "µm/m",
-    "mm": "mm",
-    "nm": "N·m",
-    "n": "N",
-    "kg": "kg",
-    "pct": "%",
-    "hpa": "hPa",
-}
-"""Units by the ends of names that no entry of a column has."""
 
 
-@plain
+@without_latex()
 def plot_diagnosis(result: Diagnosis, finding: int = 0, ax: Axes | None = None) -> Axes:
     """Plot the strongest cause; see :func:`plot_cause`.
 
@@ -77,7 +65,7 @@ def plot_diagnosis(result: Diagnosis, finding: int = 0, ax: Axes | None = None) 
     return plot_cause(result, result.findings[finding], ax)
 
 
-@plain
+@without_latex()
 def plot_cause(result: Diagnosis, finding: Finding, ax: Axes | None = None) -> Axes:
     """Plot the partial residuals of a cause over its covariate, with the fitted cause as a line.
 
@@ -114,9 +102,9 @@ def plot_cause(result: Diagnosis, finding: Finding, ax: Axes | None = None) -> A
 
 def _weighted_means(amounts: PartialResidual, parts: Any, fewest: int) -> pd.DataFrame:
     """Weighted means of x and value in ``parts`` (n,), and u of the value."""
-    table = pd.DataFrame({"weight": amounts.u**-2.0, "x": amounts.x, "value": amounts.value})
-    table[["x", "value"]] = table[["x", "value"]].mul(table["weight"], axis=0)
-    groups = table.groupby(parts)
+    weight = amounts.u**-2.0
+    table = pd.DataFrame({"weight": weight, "x": weight * amounts.x})
+    groups = table.assign(value=weight * amounts.value).groupby(parts)
     sums = groups.sum()[groups.size() >= fewest]
     return sums.div(sums["weight"], axis=0).assign(u=sums["weight"] ** -0.5)
 
@@ -130,7 +118,7 @@ def _axis_limits(curve: Array, records: Array) -> tuple[float, float]:
     return min(low, least) - margin, max(high, most) + margin
 
 
-@plain
+@without_latex()
 def plot_unexplained(result: Diagnosis, name: str, ax: Axes | None = None) -> Axes:
     """Plot the structure without a cause over its covariates: smooth correction and faint partial
     residuals.
@@ -148,20 +136,25 @@ def plot_unexplained(result: Diagnosis, name: str, ax: Axes | None = None) -> Ax
             f"{', '.join(shapes) or '(nothing does)'}"
         )
     shape, ax = shapes[name], axes_of(ax, (6.8, 3.8))
-    quantities = [str(name).removesuffix(OF_RECORD) for name in shape if OF_RECORD in str(name)]
-    over = [str(name) for name in shape if str(name).removesuffix(OF_RECORD) not in quantities]
-    label = _head(quantities[0]) if len(quantities) == 1 else "displacement of the tip [mm]"
-    draw = _plot_over_two if len(over) > 1 else _plot_over_one
-    draw(shape, over, quantities, label, ax)
+    names = shape.columns.tolist()
+    quantities = [name.removesuffix(OF_RECORD) for name in names if OF_RECORD in name]
+    over = [name for name in names if name.removesuffix(OF_RECORD) not in quantities]
+    label = quantities[0] if len(quantities) == 1 else "displacement of the tip [mm]"
+    if len(over) > 1:
+        size = np.linalg.norm(shape[quantities], axis=1)
+        points = ax.scatter(shape[over[0]], shape[over[-1]], c=size, s=14, cmap=VOLUME_COLOURS)
+        ax.figure.colorbar(points, ax=ax, label=label)
+        ax.set(xlabel=over[0], ylabel=over[-1])
+    else:
+        _plot_over_one(shape, over[0], quantities, ax)
+        ax.set(xlabel=over[0], ylabel=label)
     ax.set_title(f"{result.model.arm.name}, over {name}: {result.unexplained.acts_on[name]}")
     return ax
 
 
-def _plot_over_one(
-    shape: pd.DataFrame, over: list[str], quantities: list[str], ylabel: str, ax: Axes
-) -> None:
+def _plot_over_one(shape: pd.DataFrame, over: str, quantities: list[str], ax: Axes) -> None:
     """Draw a correction over one covariate, or as marks at each label."""
-    x, step, aside_of_mark = shape[over[0]].to_numpy(), 0.0, np.zeros(len(shape))
+    x, step, aside_of_mark = shape[over].to_numpy(), 0.0, np.zeros(len(shape))
     style: dict[str, Any] = {"lw": 2}
     if not is_numeric_dtype(x):
         x, names = pd.factorize(x)
@@ -169,39 +162,13 @@ def _plot_over_one(
         style = {"ls": "", "marker": "_", "ms": 18, "mew": 2.5}
         name_places(ax, [str(name) for name in names])
     ax.axhline(0.0, color=INK, lw=0.6)
-    for k, (quantity, colour) in enumerate(zip(quantities, AXIS_COLOURS.values(), strict=False)):
+    for k, (quantity, colour) in enumerate(zip(quantities, AXIS_COLOURS, strict=False)):
         abscissa = x + step * (k - (len(quantities) - 1) / 2)
         of_records = shape[quantity + OF_RECORD]
         ax.plot(abscissa + aside_of_mark, of_records, ".", ms=2.5, color=colour, alpha=0.3)
-        label = f"correction in {quantity[0]}" if len(quantities) > 1 else "correction"
-        ax.plot(abscissa, shape[quantity], color=colour, label=label, **style)
+        ax.plot(abscissa, shape[quantity], color=colour, label=f"correction, {quantity}", **style)
     records = shape[[quantity + OF_RECORD for quantity in quantities]].to_numpy()
     limits = _axis_limits(shape[quantities].to_numpy(), records)
     ax.plot([], [], ".", color=GREY, label=with_cut_off("records", records, limits))
-    ax.set(xlabel=_head(over[0]), ylabel=ylabel, ylim=limits)
+    ax.set_ylim(limits)
     legend_below(ax)
-
-
-def _plot_over_two(
-    shape: pd.DataFrame, over: list[str], quantities: list[str], label: str, ax: Axes
-) -> None:
-    size, colours = np.linalg.norm(shape[quantities], axis=1), VOLUME_COLOURS
-    low, high = 0.0, float(size.max())
-    if len(quantities) == 1:
-        size, low, colours = shape[quantities[0]].to_numpy(), -high, "RdBu_r"
-    order = np.argsort(np.abs(size))
-    x, y = shape[over[0]].iloc[order], shape[over[-1]].iloc[order]
-    points = ax.scatter(x, y, c=size[order], s=14, vmin=low, vmax=high, cmap=colours)
-    ax.figure.colorbar(points, ax=ax, label=label)
-    ax.set(xlabel=_head(over[0]), ylabel=_head(over[-1]))
-
-
-def _head(column: str) -> str:
-    """``theta3_deg`` as ``theta3 [°]``, by the entry of the column, else by its ending."""
-    ending = column.rpartition("_")[2]
-    unit = column_of(column).unit
-    if not unit:
-        ends = (end for end in ENDINGS if column.endswith(f"_{end}"))
-        ending = next(ends, "")
-        unit = ENDINGS.get(ending, "")
-    return f"{column.removesuffix(f'_{ending}').replace('_', ' ')} [{unit}]" if unit else column

@@ -23,15 +23,13 @@ from aacmm_pin.report.plots.style import (
     VOLUME_COLOURS,
     VOLUME_LABEL,
     evenly_selected,
-    plain,
+    without_latex,
 )
 
-TUBE_WIDTH = 4.5
-"""Width of tubes [points]."""
 TUBE_COLOURS = colormaps["Blues"]
 
 
-@plain
+@without_latex()
 def plot_circle(
     circle: ConfigurationCircle,
     accuracy: AccuracyVolume | None = None,
@@ -57,17 +55,19 @@ def plot_circle(
         )
     ax.computed_zorder = False
     inside = np.flatnonzero(circle.within_limits) if accuracy is None else paired(circle, accuracy)
-    reach = "out of reach"
+    point, reach = circle.point / MM, "out of reach"
     if len(circle):
         reach = f"{len(inside)} of {len(circle)} postures within limits"
         eligible = inside if len(inside) else np.arange(len(circle))
-        _draw_postures(ax, circle, evenly_selected(eligible, postures))
-        _draw_elbow(ax, circle, accuracy)
-    shoulder, point = circle.components.swivel.shoulder / MM, circle.point / MM
-    ax.plot(*shoulder[:, None], "s", ms=7, color=INK, zorder=5, label="base (shoulder)")
-    ax.plot(
-        *point[:, None], "*", ms=16, mfc=VERMILLION, mec="white", zorder=10, label="working point"
-    )
+        arms = ArmLines(circle.arm).corners(circle.q[evenly_selected(eligible, postures)]) / MM
+        shades = TUBE_COLOURS(np.linspace(0.3, 0.75, len(arms)))
+        for corners, shade in zip(arms, shades, strict=True):
+            at_point = int(np.linalg.norm(corners - point, axis=1).argmin())
+            ax.plot(*corners[: at_point + 1].T, "o-", color=shade, lw=4.5, ms=3.5, mfc=INK, mec=INK)
+        _draw_elbow(ax, circle, inside, accuracy)
+    shoulder = circle.components.swivel.shoulder / MM
+    ax.plot(*shoulder[:, None], "s", ms=7, color=INK, label="base (shoulder)")
+    ax.plot(*point[:, None], "*", ms=16, mfc=VERMILLION, mec="white", label="working point")
     ax.set(xlabel="x [mm]", ylabel="y [mm]", zlabel="z [mm]")
     ax.set_aspect("equal", adjustable="box")
     ax.locator_params(nbins=5)
@@ -81,35 +81,18 @@ def plot_circle(
     return ax
 
 
-def _draw_postures(ax: Axes3D, circle: ConfigurationCircle, chosen: Index) -> None:
-    """Draw the arm from base to point in ``chosen`` postures, the last one darkest."""
-    shades = TUBE_COLOURS(np.linspace(0.3, 0.75, len(chosen)))
-    for k, corners in enumerate(ArmLines(circle.arm).corners(circle.q[chosen])):
-        at_point = int(np.linalg.norm(corners - circle.point, axis=1).argmin())
-        ax.plot(
-            *corners[: at_point + 1].T / MM,
-            "o-",
-            color=shades[k],
-            lw=TUBE_WIDTH,
-            solid_capstyle="round",
-            ms=3.5,
-            mfc=INK,
-            mec=INK,
-            label="arm to the point" if k == len(chosen) // 2 else None,
-            zorder=4,
-        )
-
-
-def _draw_elbow(ax: Axes3D, circle: ConfigurationCircle, accuracy: AccuracyVolume | None) -> None:
-    """Draw the elbow in all postures, within limits in the colour of the accuracy."""
-    elbow, within = circle.components.swivel.elbow(circle.q) / MM, circle.within_limits
-    style: dict[str, Any] = {"depthshade": False, "zorder": 2}
-    if not within.all():
-        ax.scatter(*elbow[~within].T, s=2, color=GREY, label="elbow, outside limits", **style)
-    style |= {"s": 14, "label": "elbow, within limits", "zorder": 6}
+def _draw_elbow(
+    ax: Axes3D, circle: ConfigurationCircle, inside: Index, accuracy: AccuracyVolume | None
+) -> None:
+    """Draw the elbow in all postures, in the colour of the accuracy in those within limits."""
+    elbow = circle.components.swivel.elbow(circle.q) / MM
+    outside = np.delete(elbow, inside, axis=0)
+    if len(outside):
+        ax.scatter(*outside.T, s=2, color=GREY, label="elbow, outside limits")
+    style: dict[str, Any] = {"s": 14, "label": "elbow, within limits"}
     if accuracy is None:
-        ax.scatter(*elbow[within].T, color=BLUE, **style)
+        ax.scatter(*elbow[inside].T, color=BLUE, **style)
     else:
         volume = accuracy.volume / MM3
-        path = ax.scatter(*elbow[within].T, c=volume, cmap=VOLUME_COLOURS, **style)
+        path = ax.scatter(*elbow[inside].T, c=volume, cmap=VOLUME_COLOURS, **style)
         ax.figure.colorbar(path, ax=ax, label=VOLUME_LABEL, shrink=0.6, pad=0.1)

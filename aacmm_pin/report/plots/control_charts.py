@@ -14,10 +14,9 @@ from aacmm_pin.report.plots.style import (
     GREY,
     INK,
     VERMILLION,
-    axes_of,
     figure_of,
     panels_of,
-    plain,
+    without_latex,
 )
 from aacmm_pin.verification import ControlChart, History, brief
 
@@ -41,7 +40,7 @@ MARKS: dict[str, dict[str, Any]] = {
 """Styles by the names in the legend."""
 
 
-@plain
+@without_latex()
 def plot_history(history: History, ax: Axes | None = None) -> Figure:
     """Plot the test values of all checks, with the mean and the limits of the earlier checks and
     the MPE.
@@ -50,21 +49,18 @@ def plot_history(history: History, ax: Axes | None = None) -> Figure:
     with one check has no panel.
     """
     charts = [chart for chart in history.charts() if len(chart.values) > 1]
+    panels = panels_of(ax, (9.4 / ACROSS, 1.9), max(1, len(charts)), ACROSS)
     if not charts:
-        ax = axes_of(ax, (4.0, 1.0))
-        ax.text(0.5, 0.5, "no characteristic has two checks", ha="center", va="center")
-        ax.set_axis_off()
-        return figure_of([ax])
-    panels = panels_of(ax, (9.4 / ACROSS, 1.9), len(charts), ACROSS)
+        panels[0].set_title("no characteristic has two checks", fontsize=8)
     several = len({chart.arm for chart in charts}) > 1
-    for k, (panel, chart) in enumerate(zip(panels, charts, strict=True)):
+    for panel, chart in zip(panels, charts, strict=False):
         _draw_chart(panel, chart)
         of_arm = f"\n{brief(chart.arm, NAME)}" if several else ""
         panel.set_title(chart.figure + of_arm, fontsize=8)
-        if k % ACROSS == 0:
-            panel.set_ylabel("|value| [mm]", fontsize=8)
-        if k + ACROSS >= len(charts):
-            panel.set_xlabel("date (UTC)", fontsize=8)
+    for panel in panels[::ACROSS]:
+        panel.set_ylabel("|value| [mm]", fontsize=8)
+    for panel in panels[-ACROSS:]:
+        panel.set_xlabel("date (UTC)", fontsize=8)
     line_of_label = {line.get_label(): line for panel in panels for line in panel.lines}
     handles = [line_of_label[name] for name in MARKS if name in line_of_label]
     figure = figure_of(panels)
@@ -86,14 +82,9 @@ def _draw_chart(ax: Axes, chart: ControlChart) -> None:
     for name, level in levels:
         if np.isfinite(level):
             ax.axhline(level / MM, label=name, **MARKS[name])
-    # The dates of the first, middle and last check, with times if several are on one day.
-    date_format = "%Y-\n%m-%d"
-    if len({time.date() for time in chart.times}) < len(chart.times):
-        date_format += "\n%H:%M"
     dated = np.unique(np.linspace(0, len(numbers) - 1, 3).round().astype(int))
-    ax.set_xticks(dated, [f"{chart.times[k]:{date_format}}" for k in dated])
-    bottom, top = ax.get_ylim()
-    room = max(0.0, FINEST - (top - bottom)) / 2
-    ax.set_ylim(bottom - room, top + room)
+    ax.set_xticks(dated, [f"{chart.times[k]:%Y-\n%m-%d\n%H:%M}" for k in dated])
+    middle, half = np.mean(ax.get_ylim()), max(FINEST, np.ptp(ax.get_ylim())) / 2
+    ax.set_ylim(middle - half, middle + half)
     ax.ticklabel_format(axis="y", useOffset=False)
     ax.tick_params(labelsize=7)

@@ -23,13 +23,16 @@ from aacmm_pin.report.plots.style import (
     name_places,
     numbers_by_size,
     panels_of,
-    plain,
+    without_latex,
 )
 
 MODELS = {"nominal": INK, "recalibrated": GREY, "extended": BLUE}
 """The three models with their colours."""
-RANGE_UNITS = {"time": "s", "temperature": "°C", "joint": "°"}
-"""Units of the ranges in which records are grouped."""
+PREDICTED_LINES = {
+    "predicted_mm": ("--", "predicted for nominal"),
+    "noise_mm": (":", "noise alone"),
+}
+"""Lines of expected values: style and name."""
 
 
 def part_in_words(result: Diagnosis, part: BudgetPart) -> str:
@@ -38,7 +41,7 @@ def part_in_words(result: Diagnosis, part: BudgetPart) -> str:
     return listed([name_in_words(effect, result.model.arm) for effect in effects]) or part.part
 
 
-@plain
+@without_latex()
 def plot_error_budget(result: Diagnosis, ax: Axes | None = None) -> Axes:
     """Plot the parts of the residual of the nominal arm, as RMS displacements of the tip."""
     parts = result.budget
@@ -53,7 +56,7 @@ def plot_error_budget(result: Diagnosis, ax: Axes | None = None) -> Axes:
     return ax
 
 
-@plain
+@without_latex()
 def plot_groups(result: Diagnosis, ax: Axes | None = None) -> Figure:
     """Plot the RMS residual in groups of records by every recorded quantity, joints first, for the
     three models, with predicted values, in the area of ``ax``.
@@ -61,55 +64,29 @@ def plot_groups(result: Diagnosis, ax: Axes | None = None) -> Figure:
     Raises:
         AacmmError: there are too few records for groups.
     """
-    table = result.residual_groups
-    kinds = sorted(
-        table["by"].unique(), key=lambda kind: (not kind.startswith("joint"), numbers_by_size(kind))
-    )
-    if not kinds:
+    table = result.residual_groups.sort_index()
+    kinds = table.groupby("by", sort=False)
+    if not len(kinds):
         raise AacmmError("the records are too few to compare groups; expected two groups or more")
     columns = min(3, len(kinds))
     panels = panels_of(ax, (3.1, 2.4), len(kinds), columns, share_y=True)
-    expected = {"noise": (":", "noise alone")}
-    if not table["predicted_mm"].equals(table["noise_mm"]):
-        expected = {"predicted": ("--", "predicted for nominal")} | expected
-    for panel, kind in zip(panels, kinds, strict=True):
-        _draw_groups(panel, kind, table[table["by"] == kind], expected)
-    heights = table[["predicted_mm", *(f"{name}_mm" for name in MODELS)]]
-    panels[0].set_ylim(0, 1.06 * float(heights.max().max()))
+    for panel, (kind, groups) in zip(panels, kinds, strict=True):
+        places = range(len(groups))
+        for name, (line, label) in PREDICTED_LINES.items():
+            panel.step(places, groups[name], line, where="mid", color=VERMILLION, label=label)
+        for name, colour in MODELS.items():
+            sizes = groups[f"{name}_mm"]
+            panel.plot(places, sizes, "o-", color=colour, lw=1, ms=3, label=name)
+        names = [group.replace(" to ", "\nto ") for group in groups["group"]]
+        name_places(panel, names, letters=48, size=7)
+        panel.set_title(str(kind), fontsize=9)
+        panel.grid(axis="y", alpha=0.3)
+    panels[0].set_ylim(bottom=0.0)
     for panel in panels[::columns]:
         panel.set_ylabel("RMS residual [mm]")
     handles, labels = panels[0].get_legend_handles_labels()
     panels[0].figure.legend(handles, labels, loc="outside lower center", ncols=5)
     return figure_of(panels)
-
-
-def _draw_groups(
-    panel: Axes, kind: str, table: pd.DataFrame, expected: dict[str, tuple[str, str]]
-) -> None:
-    """Draw the groups of one kind, with lines of ``expected`` values (style, label)."""
-    unit = RANGE_UNITS.get(kind.split()[0], "")
-    if unit:  # by the start of the range
-        starts = table["group"].str.split(" to ").str[0].astype(float)
-        table = table.loc[starts.sort_values().index]
-    else:
-        table = table.sort_values("group", key=lambda groups: groups.map(numbers_by_size))
-    edges = np.arange(len(table) + 1) - 0.5
-    for name, (line, label) in expected.items():
-        sizes = table[f"{name}_mm"]
-        panel.stairs(sizes, edges, baseline=None, color=VERMILLION, lw=1.2, ls=line, label=label)
-    for name, colour in MODELS.items():
-        sizes = table[f"{name}_mm"]
-        panel.plot(range(len(table)), sizes, "o-", color=colour, lw=1, ms=3, label=name)
-    names = [group.removesuffix(unit).strip().replace(" to ", "\nto ") for group in table["group"]]
-    name_places(panel, names, letters=48, size=7)
-    panel.set_title(f"{kind} [{unit}]" if unit else kind, fontsize=9)
-    panel.grid(axis="y", alpha=0.3)
-
-
-def place_in_words(by: str, group: str) -> str:
-    """``joint 6, 89 to 178°``, ``seat P3``."""
-    between = ", " if by.split()[0] in RANGE_UNITS else " "
-    return by + between + group
 
 
 def held_out_parts(result: Diagnosis) -> pd.DataFrame:
@@ -121,29 +98,25 @@ def held_out_parts(result: Diagnosis) -> pd.DataFrame:
     held_out = result.held_out
     if held_out is None:
         raise AacmmError("no records were held out; expected a diagnosis with hold_out=True")
-    predicted = np.isfinite(held_out.extended)
-    numbers = np.unique(held_out.folds[predicted])
-    names = {number: f"block {number + 1}" for number in numbers}
-    if held_out.kind == "seats":
-        seats = result.extended.problem.measurements.seats()
-        for number in numbers:
-            in_part = (held_out.folds == number) & predicted
-            seats_in_part = [seat for seat, rows in seats.items() if in_part[rows].any()]
-            names[number] = ", ".join(sorted(seats_in_part, key=numbers_by_size)) or names[number]
-    squares = {
-        "recalibrated_mm": held_out.recalibrated[predicted],
-        "extended_mm": held_out.extended[predicted],
-    }
-    groups = (pd.DataFrame(squares) / MM).pow(2).groupby(held_out.folds[predicted])
-    table = groups.mean().pow(0.5)
+    conditions = result.extended.problem.measurements.conditions
+    seats = conditions.labels("seat") if held_out.kind == "seats" else ""
+    sizes = {"recalibrated_mm": held_out.recalibrated, "extended_mm": held_out.extended}
+    squares = pd.DataFrame({name: np.square(size / MM) for name, size in sizes.items()})
+    predicted = squares.assign(seat=seats)[np.isfinite(held_out.extended)]
+    groups = predicted.groupby(held_out.folds[predicted.index])
+    table = groups[[*sizes]].mean().pow(0.5)
     table.insert(0, "records", groups.size())
-    table.insert(0, "part", table.index.map(names))
+    names = []
+    for fold in table.index.tolist():
+        seats_of_fold = {*groups["seat"].get_group(fold)} - {""}
+        names.append(", ".join(sorted(seats_of_fold, key=numbers_by_size)) or f"block {fold + 1}")
+    table.insert(0, "part", names)
     return table.sort_values(
         "part", key=lambda parts: parts.map(numbers_by_size), ignore_index=True
     )
 
 
-@plain
+@without_latex()
 def plot_held_out(result: Diagnosis, ax: Axes | None = None) -> Axes:
     """Plot the RMS residual of each held-out group, for recalibrated and extended arm fitted
     without it.

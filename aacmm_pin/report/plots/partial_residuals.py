@@ -154,14 +154,11 @@ def _common_direction(columns: Array) -> Array | None:
     It rotates by 1 rad, or else translates by 1 m; its largest component is positive.
     """
     twists = columns.transpose(0, 2, 1).reshape(-1, 6)
-    longest = twists[np.argmax(np.linalg.norm(twists, axis=1))]
-    length = float(np.linalg.norm(longest[3:])) or float(np.linalg.norm(longest))
-    if not length:
+    if np.linalg.matrix_rank(twists, rtol=1e-9) != 1:
         return None
-    direction = longest / length * np.sign(longest[np.argmax(np.abs(longest))])
-    multiples = twists @ direction / (direction @ direction)
-    remainders = twists - multiples[:, None] * direction
-    return direction if np.abs(remainders).max() < 1e-9 * length else None
+    longest = twists[np.linalg.norm(twists, axis=1).argmax()]
+    length = np.linalg.norm(longest[3:]) or np.linalg.norm(longest)
+    return np.asarray(longest / length * np.sign(longest[np.abs(longest).argmax()]))
 
 
 def _abscissa(effect: Effect, state: State, cause: _Amount) -> tuple[Array, str]:

@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from functools import wraps
-from typing import Any, ParamSpec, TypeVar, cast
+from typing import Any, cast
 
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.text import Text
 
 from aacmm_pin._support.checks import Array, Index
 from aacmm_pin.errors import AacmmError
@@ -23,6 +21,7 @@ VOLUME_COLOURS = "viridis"
 U_NAME, VOLUME_LABEL = "standard uncertainty u", "accuracy volume [mm³]"
 STYLE: dict[str, Any] = {
     "text.usetex": False,
+    "text.parse_math": False,
     "axes.titlesize": 10,
     "legend.fontsize": 8,
     "legend.title_fontsize": 8,
@@ -31,13 +30,11 @@ STYLE: dict[str, Any] = {
 """Settings of matplotlib."""
 LONGEST_AT_ROW, LONGEST_AT_PLACE = 48, 24
 """Most characters of a name beside a row, and of one below the axes, which may stand upright."""
-P = ParamSpec("P")
-Drawn = TypeVar("Drawn", Axes, Figure)
 
 
 @contextmanager
 def without_latex() -> Iterator[None]:
-    """Use the style, and text by matplotlib alone: LaTeX may be missing, or read names as commands.
+    """Use the style, and plain text: LaTeX may be missing, and names are no commands or formulas.
 
     The end restores only these settings: a backend may set others at the first figure.
     """
@@ -48,21 +45,6 @@ def without_latex() -> Iterator[None]:
         yield
     finally:
         settings.update(former_settings)
-
-
-def plain(draw: Callable[P, Drawn]) -> Callable[P, Drawn]:
-    """The drawing function in this style, with text in which a dollar sign begins no formula."""
-
-    @wraps(draw)
-    def drawn(*args: P.args, **named: P.kwargs) -> Drawn:
-        with without_latex():
-            picture = draw(*args, **named)
-        for text in cast(list[Text], picture.findobj(Text)):
-            text.set_usetex(False)
-            text.set_parse_math("$" not in text.get_text())
-        return picture
-
-    return drawn
 
 
 def axes_of(ax: Axes | None, size: tuple[float, float]) -> Axes:

@@ -3,21 +3,11 @@
 from aacmm_pin.report.scenes.arm_scene import arm_scene
 from aacmm_pin.report.scenes.circle_scene import circle_scene
 from aacmm_pin.report.scenes.residual_scene import residual_scene
-from aacmm_pin.report.scenes.scene import (
-    ColourBar,
-    Frames,
-    Scene,
-    Swatch,
-    View,
-    shared_script,
-)
+from aacmm_pin.report.scenes.scene import Frames, Scene, shared_script
 
 __all__ = [
-    "ColourBar",
     "Frames",
     "Scene",
-    "Swatch",
-    "View",
     "arm_scene",
     "circle_scene",
     "residual_scene",

@@ -7,10 +7,11 @@ from numpy.typing import ArrayLike
 from aacmm_pin._support.checks import batch
 from aacmm_pin.effects import ErrorModel, GivenModel
 from aacmm_pin.errors import ShapeError
+from aacmm_pin.report.arm_wireframe import ArmLines
 from aacmm_pin.report.plots.style import BLUE, GREY
-from aacmm_pin.report.scenes.robot_bodies import OPAQUE, BodyStyle, bodies_of
+from aacmm_pin.report.scenes.bodies import OPAQUE, BodyStyle, draw_bodies, moves_of
 from aacmm_pin.report.scenes.scene import Frames, Scene
-from aacmm_pin.report.scenes.stage import joint_texts, place_in_first_posture, place_text, stage
+from aacmm_pin.report.scenes.stage import joint_texts, place_text, stage
 
 
 def arm_scene(model: GivenModel, q: ArrayLike, *, body_style: BodyStyle = "meshes") -> Scene:
@@ -28,12 +29,13 @@ def arm_scene(model: GivenModel, q: ArrayLike, *, body_style: BodyStyle = "meshe
     q = batch(q, arm.nq, "q", "rad")
     if not len(q):
         raise ShapeError("q has no row; expected at least one posture")
-    bodies, tips = bodies_of(arm, body_style, OPAQUE), arm.positions(q)
+    lines, tips = ArmLines(arm), arm.positions(q)
     caption = f"The tip is at {place_text(tips[0])} in the base frame."
     if len(q) > 1:
         caption = f"The scene shows {len(q)} postures."
-    scene = stage(arm.name, caption, bodies, bodies.outline(q), tips)
+    scene = stage(arm.name, caption, lines, lines.corners(q).reshape(-1, 3), tips)
+    draw_bodies(scene, lines, body_style, OPAQUE)
     texts = {"tip x, y, z": [place_text(tip) for tip in tips], **joint_texts(arm, q)}
     colours = [BLUE if text == "within" else GREY for text in texts["limits"]]
-    scene.frames = Frames(place_in_first_posture(bodies, q, scene), texts, colours)
+    scene.frames = Frames(moves_of(lines, q), texts, colours)
     return scene

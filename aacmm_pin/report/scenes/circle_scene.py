@@ -11,6 +11,7 @@ from aacmm_pin._support.units import DEG, MM3, UM, count
 from aacmm_pin.accuracy import ELLIPSOID_COVERAGE_FACTOR, AccuracyVolume, paired
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.postures import WRIST, ConfigurationCircle, PosturesAtPoint
+from aacmm_pin.report.arm_wireframe import ArmLines
 from aacmm_pin.report.plots.style import (
     BLUE,
     GREY,
@@ -19,19 +20,18 @@ from aacmm_pin.report.plots.style import (
     evenly_selected,
     round_down,
 )
-from aacmm_pin.report.scenes.robot_bodies import BodyStyle, bodies_of
+from aacmm_pin.report.scenes.bodies import BodyStyle, draw_bodies, moves_of
 from aacmm_pin.report.scenes.scene import ColourBar, Frames, Scene
 from aacmm_pin.report.scenes.stage import (
+    by_vertex,
     draw_ball,
-    draw_ghosts,
-    flat,
     in_front,
     joint_texts,
-    place_in_first_posture,
     place_text,
     placed_at,
     prisms,
-    slider_in_words,
+    size_of,
+    solid,
     stage,
 )
 
@@ -41,8 +41,8 @@ SEEN = 0.14
 """Largest half-length of a drawn ellipsoid, over the size of the scene."""
 THIN = 1e-4
 """Least thickness of an ellipsoid over its length."""
-GHOSTS = 5
-"""Postures drawn thin behind the shown one."""
+GHOSTS, GHOST = 5, "#7f9cc0"
+"""Postures drawn thin behind the shown one, and their colour."""
 MOST_CIRCLE_FRAMES = 360
 """Postures on the slider, evenly selected."""
 PATH_POINTS = 480
@@ -76,27 +76,34 @@ def circle_scene(
     inside = np.flatnonzero(circle.within_limits) if accuracy is None else paired(circle, accuracy)
     eligible = inside if len(inside) else np.arange(len(circle.q))
     members = evenly_selected(eligible, MOST_CIRCLE_FRAMES)
-    q, bodies = circle.q[members], bodies_of(circle.arm, body_style)
+    q, lines = circle.q[members], ArmLines(circle.arm)
     path, path_name = _path_of(circle)
-    points = np.vstack([bodies.outline(circle.q), path])
+    points = np.vstack([lines.corners(circle.q).reshape(-1, 3), path])
     names = {WRIST: "wrist", circle.arm.tip: "tip"}
-    reached_point = f"{names.get(circle.at, circle.at)} at {place_text(circle.point)}"
+    place = f"{names.get(circle.at, circle.at)} at {place_text(circle.point)}"
     curves = count(int(circle.component.max()), "closed curve")
     caption = (
         f"{len(circle.q)} postures on {curves} reach the point. Of these postures, "
         f"{circle.within_limits.sum()} are within the joint limits."
     )
-    scene = stage(
-        f"{circle.arm.name}: {reached_point}", caption, bodies, points, circle.point[None]
-    )
+    scene = stage(f"{circle.arm.name}: {place}", caption, lines, points, circle.point[None])
+    draw_bodies(scene, lines, body_style)
+    part = "" if len(members) == len(eligible) else f"{len(members)} of "
     within = " within the joint limits" if len(inside) else ""
-    postures_in_words = f"postures{within}, one closed curve after the other"
-    scene.notes.insert(0, slider_in_words(len(members), len(eligible), postures_in_words))
-    draw_ghosts(scene, bodies.radius, bodies.corners(circle.q[evenly_selected(eligible, GHOSTS)]))
-    draw_ball(scene, "point", "working point", 0.75 * bodies.radius, circle.point)
+    scene.notes.insert(
+        0,
+        f"The slider shows {part}the {len(eligible)} postures{within}, one closed curve after the "
+        "other.",
+    )
+    ghosts = lines.corners(circle.q[evenly_selected(eligible, GHOSTS)])
+    start, end = ghosts[:, :-1].reshape(-1, 3), ghosts[:, 1:].reshape(-1, 3)
+    ghost_tubes = prisms(start, end, 0.3 * lines.radius)
+    scene["ghosts"].set_object(ghost_tubes, solid(GHOST, 0.45, flatShading=True))
+    scene.explain(GHOST, "other postures", "line")
+    draw_ball(scene, "point", "working point", 0.75 * lines.radius, circle.point)
     colours = np.tile(to_rgb(GREY), (len(circle.q), 1))
     colours[inside] = to_rgb(BLUE)
-    moves = place_in_first_posture(bodies, q, scene)
+    moves = moves_of(lines, q)
     texts = {"component": [str(number) for number in circle.component[members]]}
     if isinstance(circle, ConfigurationCircle):
         texts["swivel angle"] = [f"{angle:.1f}°" for angle in circle.swivel[members] / DEG]
@@ -105,11 +112,20 @@ def circle_scene(
         volume, rows = accuracy.volume / MM3, np.searchsorted(inside, members)
         scene.bar = ColourBar.of(VOLUME_LABEL, volume, VOLUME_COLOURS)
         colours[inside] = scene.bar.colours(volume)
-        scene_size = float(np.ptp(points, axis=0).max())
-        moves["accuracy"] = _draw_ellipsoids(scene, circle.point, accuracy, scene_size)[rows]
+        moves["accuracy"] = _draw_ellipsoids(scene, circle.point, accuracy, size_of(points))[rows]
         texts["volume"] = [f"{volume:.4g} mm³" for volume in volume[rows]]
         texts["uncertainty u"] = [f"{u:.1f} µm" for u in accuracy.u[rows] / UM]
-    _draw_path(scene, circle, path, path_name, colours, 0.4 * bodies.radius)
+        scene.notes.insert(0, "The colour bar holds for postures within the joint limits.")
+    elif len(inside):
+        scene.explain(BLUE, f"path of {path_name}, within limits", "line")
+    if not circle.within_limits.all():
+        scene.explain(GREY, f"path of {path_name}, outside the joint limits", "line")
+    pieces = _pieces(circle)
+    if len(pieces):
+        start, end = path[pieces[:, 0]], path[pieces[:, 1]]
+        thickness = np.where(circle.within_limits[pieces].all(axis=1), 0.4, 0.16)
+        drawn_path = prisms(start, end, thickness * lines.radius, colours=colours[pieces])
+        scene["path"].set_object(drawn_path, by_vertex())
     scene.frames = Frames(moves, texts, colours[members])
     return scene
 
@@ -124,39 +140,18 @@ def _path_of(circle: PosturesAtPoint) -> tuple[Array, str]:
     return origin[axes[widest]], f"joint {widest + 1}"
 
 
-def _neighbours(circle: PosturesAtPoint, members: Index) -> Index:
+def _pieces(circle: PosturesAtPoint) -> Index:
     """Numbers of the postures at both ends of each piece of the path, (pieces, 2)."""
-    pairs = [np.empty((0, 2), dtype=np.intp)]
     curves = getattr(circle, "curves", ())
     if isinstance(circle, ConfigurationCircle):
         curves = circle.components.curves
-    for number in np.unique(circle.component[members]):
+    members = evenly_selected(np.arange(len(circle.q)), PATH_POINTS)
+    pieces = []
+    for number in np.unique(circle.component):
         along = members[circle.component[members] == number]
-        if curves and curves[number - 1].closed:
-            along = np.append(along, along[0])
-        pairs.append(np.column_stack([along[:-1], along[1:]]))
-    return np.concatenate(pairs)
-
-
-def _draw_path(
-    scene: Scene, circle: PosturesAtPoint, path: Array, name: str, colours: Array, radius: float
-) -> None:
-    pairs = _neighbours(circle, evenly_selected(np.arange(len(circle.q)), PATH_POINTS))
-    is_within = circle.within_limits[pairs].all(axis=1)
-    within, outside = pairs[is_within], pairs[~is_within]
-    if len(outside):
-        line = prisms(path[outside[:, 0]], path[outside[:, 1]], 0.4 * radius)
-        scene["path/outside"].set_object(line, flat(GREY))
-        scene.explain(GREY, f"path of {name}, outside the joint limits", "line")
-    if len(within):
-        start, end = path[within[:, 0]], path[within[:, 1]]
-        line = prisms(start, end, radius, colours=colours[within])
-        scene["path/within"].set_object(line, flat(by_vertex=True))
-        if scene.bar is None:
-            scene.explain(BLUE, f"path of {name}, within limits", "line")
-    if scene.bar is not None:
-        coloured = f"path of {name}" if len(pairs) else "slider"
-        scene.notes.insert(0, f"The colour bar holds for the {coloured} within the joint limits.")
+        ring = np.column_stack([along, np.roll(along, -1)])
+        pieces.append(ring if curves and curves[number - 1].closed else ring[:-1])
+    return np.concatenate(pieces)
 
 
 def _draw_ellipsoids(scene: Scene, centre: Array, accuracy: AccuracyVolume, size: float) -> Array:
@@ -171,7 +166,6 @@ def _draw_ellipsoids(scene: Scene, centre: Array, accuracy: AccuracyVolume, size
     placements = placed_at(np.tile(centre, (len(vectors), 1)))
     placements[:, :3, :3] = vectors * drawn_half[:, None, :]
     scene["accuracy"].set_object(Sphere(1.0), in_front(ELLIPSOID, 0.6))
-    scene["accuracy"].set_transform(placements[0])
     scene.explain(ELLIPSOID, "uncertainty ellipsoid of the posture", "area")
     scene.notes.insert(
         0,

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from aacmm_pin._support.units import MM, count
-from aacmm_pin.calibration import Calibration, Fit, rms_residual
+from aacmm_pin._support.units import MM
+from aacmm_pin.calibration import Calibration, rms_residual
 from aacmm_pin.diagnosis import Diagnosis
+from aacmm_pin.report.arm_wireframe import ArmLines
 from aacmm_pin.report.numbers import lengths
 from aacmm_pin.report.plots.residual_vectors import (
     MOST_VECTORS,
@@ -16,16 +17,16 @@ from aacmm_pin.report.plots.residual_vectors import (
     models,
 )
 from aacmm_pin.report.plots.style import evenly_selected
-from aacmm_pin.report.scenes.robot_bodies import BodyStyle, bodies_of
+from aacmm_pin.report.scenes.bodies import BodyStyle, draw_bodies, moves_of
 from aacmm_pin.report.scenes.scene import ColourBar, Frames, Scene
 from aacmm_pin.report.scenes.stage import (
+    by_vertex,
     draw_ball,
-    flat,
     joint_texts,
-    place_in_first_posture,
     place_text,
     placed_at,
     prisms,
+    size_of,
     stage,
 )
 
@@ -71,23 +72,28 @@ def residual_scene(
     target = frame.back(fit.point.prediction.tips[chosen]) - deviation
     factor = magnification_of(target, deviation)
     ends = target + factor * deviation
-    q, bodies = records.q[chosen], bodies_of(arm, body_style)
-    points = np.vstack([bodies.outline(q), target, ends])
-    size = float(np.ptp(points, axis=0).max())
-
-    title = f"{arm.name}: residuals, {name}"
-    scene = stage(title, _caption(result, last_fit, len(chosen)), bodies, points, target)
+    q, lines = records.q[chosen], ArmLines(arm)
+    points = np.vstack([lines.corners(q).reshape(-1, 3), target, ends])
+    foot = FOOT * size_of(points)
+    rms = lengths(rms_residual(model_fit, last_fit.used) for model_fit in fits.values())
+    sizes = ", ".join(f"{size} ({model})" for model, size in zip(fits, rms, strict=True))
+    caption = (
+        f"The scene shows {len(chosen)} of {int(last_fit.used.sum())} used records. The RMS "
+        f"residual of all used records is {sizes}."
+    )
+    scene = stage(f"{arm.name}: residuals, {name}", caption, lines, points, target)
+    draw_bodies(scene, lines, body_style)
     size_mm = distances_mm[name][chosen]
     scene.bar = ColourBar.of(f"distance between tip and {start} [mm]", size_mm, SIZE_COLOURS)
     colours = scene.bar.colours(size_mm)
     of_spikes = np.repeat(colours[:, None], 2, axis=1)
-    spikes = prisms(target, ends, FOOT * size, point=True, colours=of_spikes)
-    scene["residuals"].set_object(spikes, flat(by_vertex=True))
-    draw_ball(scene, "record", f"{start} of this record", 1.6 * FOOT * size, target[0])
+    spikes = prisms(target, ends, foot, point=True, colours=of_spikes)
+    scene["residuals"].set_object(spikes, by_vertex())
+    draw_ball(scene, "record", f"{start} of this record", 1.6 * foot, target[0])
     scene.notes = [
         f"Each spike is a residual, from the {start} towards the tip, magnified {factor:g} times.",
         "The slider shows the residuals, the largest first.",
-        *bodies.notes,
+        *scene.notes,
     ]
     seats = records.conditions.labels("seat")
     texts = {
@@ -99,18 +105,6 @@ def residual_scene(
         texts[f"residual, {of_model}"] = [f"{mm:.4f} mm" for mm in distances[chosen]]
     texts |= joint_texts(arm, q)
     del texts["limits"]
-    moves = place_in_first_posture(bodies, q, scene) | {"record": placed_at(target)}
+    moves = moves_of(lines, q) | {"record": placed_at(target)}
     scene.frames = Frames(moves, texts, colours, per_second=PER_SECOND)
     return scene
-
-
-def _caption(result: Calibration | Diagnosis, fit: Fit, shown: int) -> str:
-    fits = models(result)
-    rms = lengths(rms_residual(model_fit, fit.used) for model_fit in fits.values())
-    sizes = ", ".join(f"{size} ({model})" for model, size in zip(fits, rms, strict=True))
-    excluded = int(fit.excluded.sum())
-    without = f", without {count(excluded, 'excluded record')}" if excluded else ""
-    return (
-        f"The scene shows {shown} of {int(fit.used.sum())} used records{without}. The RMS "
-        f"residual of all used records is {sizes}."
-    )

@@ -13,11 +13,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib import resources
-from itertools import product
 from pathlib import Path
 from typing import Any, Literal
 
-import jinja2
 import meshcat
 import numpy as np
 import umsgpack
@@ -25,25 +23,23 @@ from jinja2.utils import htmlsafe_json_dumps
 from markupsafe import Markup, escape
 from matplotlib import colormaps
 from matplotlib.colors import Normalize, to_hex
-from matplotlib.ticker import MaxNLocator
 from meshcat import Visualizer
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.output_files import whole_file
+from aacmm_pin._support.plain_values import plain
 from aacmm_pin._support.text_escaping import encodable
-from aacmm_pin._support.units import DEG
+from aacmm_pin.report.templates import environment
 
 Mark = Literal["ball", "line", "area"]
-ELEVATION = 18 * DEG
-"""Of the camera above the horizontal."""
 STOPS = 24
 """Colours of a bar on the page."""
+TICKS = 4
+"""Numbers beside a bar."""
 FRAME_HEIGHT = 540
 """Height of a scene in a notebook or on a page [px]."""
 MESHCAT_ID = re.compile(rb"[0-9a-f]{8}(-[0-9a-f]{4}){3}-[0-9a-f]{12}")
 """meshcat's id of a geometry, material or object, with the time and the network address."""
-SIGHT_DIRECTIONS = np.array([*product(range(-2, 3), repeat=3)])
-"""Directions in which to search for the outermost points (125, 3)."""
 POSTER = (
     '<p style="position: absolute; inset: 2rem 1rem auto; text-align: center">Scroll '
     "here to see the 3D scene.</p>"
@@ -93,11 +89,9 @@ class ColourBar:
     @property
     def ticks(self) -> list[tuple[float, str]]:
         """Positions along the scale [%] and texts of the ticks."""
-        locator = MaxNLocator(4, steps=[1, 2, 2.5, 5, 10])
-        values = np.asarray(locator.tick_values(self.low, self.high))
-        inside = values[(self.low <= values) & (values <= self.high)].tolist()
-        percent = 100 / (self.high - self.low)
-        return [(percent * (value - self.low), f"{value:.4g}") for value in inside]
+        values = np.linspace(self.low, self.high, TICKS)
+        percent = np.linspace(0.0, 100.0, TICKS)
+        return [(place, f"{value:.3g}") for place, value in zip(percent, values, strict=True)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,35 +126,6 @@ class Frames:
         }
 
 
-@dataclass(frozen=True, eq=False)
-class View:
-    """The points that a page shows and the direction of the camera, whose distance the page
-    calculates.
-
-    Attributes:
-        points: ``(n, 3)`` [m].
-        azimuth: of the camera, from +x towards +y [rad].
-        room: margin around the points, for thick bodies [m].
-    """
-
-    points: Array
-    azimuth: float
-    room: float = 0.0
-
-    @property
-    def data(self) -> dict[str, Any]:
-        """View for the page: the outermost points, and the unit vector towards the camera."""
-        level = np.cos(ELEVATION)
-        x, y = level * np.cos(self.azimuth), level * np.sin(self.azimuth)
-        # One direction at a time: the points may be hundreds of thousands.
-        outermost = np.unique([(self.points @ sight).argmax() for sight in SIGHT_DIRECTIONS])
-        return {
-            "points": self.points[outermost].tolist(),
-            "direction": [x, y, np.sin(ELEVATION)],
-            "room": self.room,
-        }
-
-
 class _Window:
     web_url = ""
 
@@ -179,7 +144,8 @@ class Scene:
 
     Attributes:
         notes: sentences about sizes, magnifications and omitted parts.
-        view: None for the default of meshcat.
+        view: for the page: ``points`` (n, 3) that it shows with ``room`` around them [m], and the
+            ``direction`` of the camera; None for the default of meshcat.
     """
 
     def __init__(self, title: str, caption: str = "") -> None:
@@ -190,7 +156,7 @@ class Scene:
         self.bar: ColourBar | None = None
         self.notes: list[str] = []
         self.frames: Frames | None = None
-        self.view: View | None = None
+        self.view: dict[str, Any] | None = None
 
     def __getitem__(self, path: str) -> Any:
         return self.meshcat[path]
@@ -250,6 +216,8 @@ class Scene:
         live = Visualizer()
         for command in self._window.commands:
             live.window.send(command)
+        for path, placements in (self.frames.placements if self.frames else {}).items():
+            live[path].set_transform(placements[0])
         return live.open() if browser else live
 
     def _page(self, viewer: str, *, plays: bool) -> str:
@@ -257,12 +225,10 @@ class Scene:
             "plays": plays,
             "commands": [_base64(command) for command in self.commands],
             "frames": self.frames and self.frames.data,
-            "view": self.view and self.view.data,
+            "view": self.view,
         }
-        template = _templates().get_template("scene.html.j2")
-        return template.render(
-            scene=self, viewer=Markup(viewer), data=data, drawing=Markup(_script("scene.js"))
-        )
+        template = environment().get_template("scene.html.j2")
+        return template.render(scene=self, viewer=Markup(viewer), data=plain(data))
 
     def _frame(self, attribute: str) -> str:
         style = f"position: relative; width: 100%; height: {FRAME_HEIGHT}px; border: 0"
@@ -276,7 +242,7 @@ def shared_script() -> str:
     """
     return (
         f'<script type="text/plain" id="aacmm-viewer">{viewer_script()}</script>\n'
-        f"<script>{_script('embed.js')}</script>"
+        f"<script>{environment().get_template('embed.js').render()}</script>"
     )
 
 
@@ -285,21 +251,6 @@ def viewer_script() -> str:
     """meshcat's viewer."""
     script = resources.files(meshcat) / "viewer" / "dist" / "main.min.js"
     return script.read_text(encoding="utf-8")
-
-
-@cache
-def _templates() -> jinja2.Environment:
-    return jinja2.Environment(
-        loader=jinja2.PackageLoader("aacmm_pin.report", "templates"),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-
-
-def _script(name: str) -> str:
-    return (resources.files("aacmm_pin.report") / "templates" / name).read_text(encoding="utf-8")
 
 
 def _base64(content: bytes) -> str:
