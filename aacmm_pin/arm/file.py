@@ -227,27 +227,21 @@ class EffectEntry(_Part):
         return structure
 
 
-_Coefficients = Annotated[tuple[FiniteFloat, ...], _FROM_ARRAY]
-
-
 class DiscrepancyPart(_Part):
     """Smooth functions of a discrepancy, and their carrier; see
     :mod:`aacmm_pin.effects.smooth_discrepancy`.
-
-    ``directions`` has a row for each coefficient, a column for each value of the entry.
     """
 
     acts_on: Name
     functions: list[dict[str, Any]] = Field(default_factory=list)
-    directions: Annotated[tuple[_Coefficients, ...], _FROM_ARRAY] = ()
 
 
 class DiscrepancyEntry(_Part):
     """Unexplained structure as smooth functions of recorded quantities."""
 
     depends_on: Name
-    parts: Annotated[list[DiscrepancyPart], Field(min_length=1)]
-    values_si: Annotated[_Coefficients, Field(min_length=1)]
+    parts: Annotated[list[DiscrepancyPart], Field(min_length=1, max_length=1)]
+    values_si: Annotated[tuple[FiniteFloat, ...], _FROM_ARRAY, Field(min_length=1)]
     standard_uncertainty_si: Annotated[tuple[StandardUncertainty, ...], _FROM_ARRAY] = ()
 
 

@@ -205,7 +205,7 @@ def _cosines_on_carrier(
         carried = Carried(_of_size_one(cosines.of_values(numbers)), carrier)
     else:
         carried = Carried.of((cosines,), carrier, state)
-    return replace(carried, decay=1.0 / np.maximum(np.arange(cosines.number), 1.0))
+    return replace(carried, decay=1.0 / np.maximum(np.arange(cosines.count + 1), 1.0))
 
 
 def _pair_and_time_covariates(state: State, joints: Sequence[Joint]) -> Iterator[Covariate]:

@@ -19,7 +19,7 @@ from aacmm_pin.calibration import Fit, HeldEffects, information_of_seats
 from aacmm_pin.calibration.jacobian import Columns
 from aacmm_pin.diagnosis.candidates import Variants, is_change
 from aacmm_pin.diagnosis.covariates import Carried, Covariate
-from aacmm_pin.effects import Carrier, Discrepancy, Effect, JointZeroOffset, Part, State
+from aacmm_pin.effects import Carrier, Discrepancy, Effect, JointZeroOffset, State
 
 TYPICAL_SHIFT = 2e-5
 """Typical root mean square of all smooth functions of a covariate, at the tip [m]. The RMS of the
@@ -433,7 +433,7 @@ class _Calibrated:
     def _axes(self, name: str) -> Array:
         """Displacement of the tip by one unit on each axis of a carrier (n, 3 or 6, axes)."""
         if name not in self._by_carrier:
-            constant = Part(Carrier(name), ())
-            unit = Discrepancy(name, (constant,), constant.coefficients)
+            carrier = Carrier(name)
+            unit = Discrepancy(name, carrier, (), len(carrier.quantities))
             self._by_carrier[name] = self._columns([unit])
         return self._by_carrier[name]

@@ -13,7 +13,7 @@ from aacmm_pin.calibration.estimation import fit as fit_of
 from aacmm_pin.diagnosis.choice import Choice
 from aacmm_pin.diagnosis.design_matrix import held_effects
 from aacmm_pin.diagnosis.model_extension import ProblemOf
-from aacmm_pin.effects import Carrier, Discrepancy, ErrorModel, Part
+from aacmm_pin.effects import Carrier, Discrepancy, ErrorModel
 
 
 def not_saved(choice: Choice) -> list[str]:
@@ -56,8 +56,8 @@ def _effect_of(choice: Choice, block: int, labels_taken: Collection[str]) -> Dis
     name, carrier = choice.covariate(block).name, Carrier(way.carrier)
     # The columns are of functions with root mean square one.
     prior_widths = model.scale[model.entries[block]] * design.scales[design.blocks[block].columns]
-    u = prior_widths / np.repeat(way.size, carrier.axes)
-    effect = Discrepancy(name, (Part(carrier, way.smooth or ()),), u.size)
+    u = prior_widths / np.repeat(way.size, len(carrier.quantities))
+    effect = Discrepancy(name, carrier, way.smooth or (), u.size)
     next_numbers = itertools.count(2)
     while effect.label in labels_taken:
         effect = replace(effect, covariate=f"{name} ({next(next_numbers)})")

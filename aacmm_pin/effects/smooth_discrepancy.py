@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
 import json
-import math
 import re
 import reprlib
 from collections.abc import Sequence
@@ -68,11 +68,6 @@ class Cosines:
                 "expected ascending at_si, and as many numbers in below"
             )
 
-    @property
-    def number(self) -> int:
-        """The number of functions."""
-        return self.count + 1
-
     @staticmethod
     def over(of: str, values: ArrayLike, count: int) -> Cosines:
         """The cosines over the ranks of ``values`` ``(n,)``."""
@@ -122,11 +117,6 @@ class Waves:
         cosine, sine = Waves(of).values(state).mean(axis=0).tolist()
         return Waves(of, less=(cosine, sine))
 
-    @property
-    def number(self) -> int:
-        """The number of functions."""
-        return 2 + self.constant
-
     def values(self, state: State) -> Array:
         """The functions in the records, ``(n, 2 or 3)``."""
         angle = self.order * _quantity(self.of, state)
@@ -147,7 +137,6 @@ class Moment:
     kind: Literal["moment"] = field(default="moment", kw_only=True)
     of: OfJoint
     less_nm: Point = (0.0, 0.0, 0.0)
-    number: ClassVar[int] = 1
     __pydantic_config__: ClassVar[ConfigDict] = _STRICT
 
     @staticmethod
@@ -184,11 +173,6 @@ class Bumps:
     width_si: Annotated[float, Field(gt=0.0)]
     of: ClassVar[str] = "place"
     __pydantic_config__: ClassVar[ConfigDict] = _STRICT
-
-    @property
-    def number(self) -> int:
-        """The number of functions."""
-        return len(self.centres_si)
 
     def values(self, state: State) -> Array:
         """The functions in the records, ``(n, centres)``."""
@@ -248,8 +232,6 @@ def _row_of(joint: str) -> int:
 OF_ROW = r"(before|angle|slide|tube) [1-9]\d{0,2}"
 CARRIERS = re.compile(f"room|frame|target|lengths|tubes|{OF_ROW}")
 """Names of :class:`Carrier`."""
-DIRECTION_DIGITS = 7
-"""Significant digits of a direction in a file: 1e-7 of a displacement is below every noise."""
 OF_TIP = dict.fromkeys(("x_mm", "y_mm", "z_mm"), MM)
 TURNS = dict.fromkeys(("turn_x_urad", "turn_y_urad", "turn_z_urad"), 1e-6)
 GROWTH = {"growth_um_per_m": 1e-6}
@@ -324,11 +306,6 @@ class Carrier:
         return int(self.name.partition(" ")[2])
 
     @property
-    def axes(self) -> int:
-        """The number of coefficients of each function."""
-        return len(self.kind.quantities)
-
-    @property
     def in_words(self) -> str:
         """The changed quantity as text."""
         _, _, row = self.name.partition(" ")
@@ -344,72 +321,24 @@ class Carrier:
         """The displacements of the places that move, by ``shifts`` along the axes of the carrier
         ``(n, axes, p)`` [m, rad, m/m per unit].
         """
-        if self.what in ("angle", "slide"):
-            return [about_axis(state, self.row, shifts[:, 0])]
-        if self.what in ("tube", "tubes"):
-            rows = tubes(state.arm) if self.what == "tubes" else [state.known_row(self.row)]
-            displacements: list[Displacement] = []
-            for row in rows:
-                displacements += growth_of_body(state, row, shifts[:, 0])
-            return displacements
-        if self.what == "lengths":
-            shifts = state.position[:, :, None] * shifts
-        if self.what == "frame":
-            return [Displacement(BASE, shifts)]
-        return [Displacement(self._displaced_place(state), twist(shifts))]
-
-    def _displaced_place(self, state: State) -> int:
-        if self.what == "before":
-            return axis(state.known_row(self.row)) - 1
-        return state.arm.chain.tip if self.what == "target" else BASE
-
-
-@dataclass(frozen=True)
-class Part:
-    """One part of a discrepancy: functions of covariates that change one quantity.
-
-    Attributes:
-        functions: sets of functions whose products the part uses; () for the constant 1.
-        directions: coefficients per unit of each parameter, function by function, ``(functions ·
-            axes, p)``; () if each coefficient is a parameter.
-    """
-
-    carrier: Carrier
-    functions: tuple[Smooth, ...]
-    directions: tuple[tuple[float, ...], ...] = field(default=(), repr=False)
-
-    @property
-    def coefficients(self) -> int:
-        """The number of coefficients on all axes."""
-        products = math.prod(functions.number for functions in self.functions)
-        return products * self.carrier.axes
-
-    @property
-    def rows(self) -> Sequence[Sequence[float]]:
-        """The directions, or one for each coefficient."""
-        unit: list[list[float]] = np.eye(self.coefficients).tolist()
-        return self.directions or unit
-
-    def displacements(self, state: State) -> list[Displacement]:
-        """The displacements for one unit of each parameter."""
-        directions = np.array(self.rows)
-        by_function = directions.reshape(-1, self.carrier.axes, directions.shape[1])
-        functions = product_of(self.functions, state)
-        shifts = np.tensordot(functions, by_function, 1)
-        return self.carrier.displacements(state, shifts)
-
-    def filed(self) -> DiscrepancyPart:
-        """The entry of the part in an arm file."""
-        functions = list(map(_ENTRY.dump_python, self.functions))
-        directions = tuple(map(_rounded, self.directions))
-        return DiscrepancyPart(
-            acts_on=self.carrier.name, functions=functions, directions=directions
-        )
-
-
-def _rounded(row: tuple[float, ...]) -> tuple[float, ...]:
-    texts = [f"{number:.{DIRECTION_DIGITS}g}" for number in row]
-    return tuple(map(float, texts))
+        place = BASE
+        match self.what:
+            case "angle" | "slide":
+                return [about_axis(state, self.row, shifts[:, 0])]
+            case "tube":
+                return growth_of_body(state, state.known_row(self.row), shifts[:, 0])
+            case "tubes":
+                grown = [growth_of_body(state, row, shifts[:, 0]) for row in tubes(state.arm)]
+                return [*itertools.chain.from_iterable(grown)]
+            case "frame":
+                return [Displacement(BASE, shifts)]
+            case "lengths":
+                shifts = state.position[:, :, None] * shifts
+            case "before":
+                place = axis(state.known_row(self.row)) - 1
+            case "target":
+                place = state.arm.chain.tip
+        return [Displacement(place, twist(shifts))]
 
 
 @dataclass(frozen=True)
@@ -423,75 +352,70 @@ class Discrepancy(Effect):
 
     Attributes:
         covariate: what the discrepancy depends on, such as ``joint 2 × joint 4``.
-        parts: the functions and the changed quantities; several parts share the parameters.
+        carrier: the changed quantity.
+        functions: sets of functions; the parameters are the coefficients of their products on each
+            axis of the carrier. () for the constant 1.
+        size: number of parameters.
     """
 
     covariate: str
-    parts: tuple[Part, ...] = field(repr=False)
+    carrier: Carrier
+    functions: tuple[Smooth, ...] = field(repr=False)
     size: int
     cause = "discrepancy"
 
-    def __post_init__(self) -> None:
-        for part in self.parts:
-            if [len(row) for row in part.rows] != [self.size] * part.coefficients:
-                raise AacmmError(
-                    f"{self.label}: {part.carrier.name}: {self.size} values; expected "
-                    f"{part.coefficients}, or directions of {part.coefficients} coefficients with "
-                    f"{self.size} numbers each"
-                )
-        super().__post_init__()
-
     @property
     def label(self) -> str:
-        """The covariate, and the changed quantity if there is only one."""
-        label = f"{self.cause}:{self.covariate}"
-        if len(self.parts) > 1:
-            return label
-        return f"{label} on {self.parts[0].carrier.name}"
+        """The covariate and the changed quantity."""
+        return f"{self.cause}:{self.covariate} on {self.carrier.name}"
 
     @property
     def needs(self) -> tuple[str, ...]:
         """The conditions on which the functions depend."""
-        names = dict.fromkeys(functions.of for functions in self._functions)
+        names = dict.fromkeys(functions.of for functions in self.functions)
         return tuple(name for name in names if name in RECORDED)
 
     @property
     def terms(self) -> tuple[Term, ...]:
-        """The coefficients, or the factors of shared directions."""
+        """The coefficients."""
+        kind = self.carrier.kind
         names = [f"c{k}" for k in range(1, self.size + 1)]
-        if self.parts[0].directions:
-            return tuple(Term(name, "1", 1.0, name, read_in=("1", 1.0)) for name in names)
-        kind = self.parts[0].carrier.kind
         return tuple(Term(name, kind.unit, kind.typical, name) for name in names)
-
-    @property
-    def _functions(self) -> list[Smooth]:
-        return [functions for part in self.parts for functions in part.functions]
 
     @property
     def details(self) -> list[str]:
         """The covariate and the changed quantity as text."""
-        words = [f"over {self.covariate}"]
-        if len(self.parts) == 1:
-            words.append(self.parts[0].carrier.in_words)
-        return words
+        return [f"over {self.covariate}", self.carrier.in_words]
 
     def displacements(self, state: State) -> list[Displacement]:
-        """The functions along the axes of their carriers."""
-        return [displacement for part in self.parts for displacement in part.displacements(state)]
+        """The functions along the axes of the carrier.
+
+        Raises:
+            AacmmError: the number of parameters is not that of the functions and axes.
+        """
+        functions = product_of(self.functions, state)
+        axes = np.eye(len(self.carrier.quantities))
+        coefficients = functions.shape[1] * len(axes)
+        if coefficients != self.size:
+            came = f"{self.label}: {self.size} values"
+            raise AacmmError(f"{came}; expected {coefficients}, one for each function and axis")
+        shifts = np.einsum("nf,ab->nafb", functions, axes)
+        return self.carrier.displacements(state, shifts.reshape(state.n, len(axes), self.size))
 
     def filed(self) -> DiscrepancyEntry:
         """The entry of the discrepancy in an arm file."""
-        parts = [part.filed() for part in self.parts]
-        u = self.u if any(self.u) else ()
+        functions = [*map(_ENTRY.dump_python, self.functions)]
         return DiscrepancyEntry(
-            depends_on=self.covariate, parts=parts, values_si=self.values, standard_uncertainty_si=u
+            depends_on=self.covariate,
+            parts=[DiscrepancyPart(acts_on=self.carrier.name, functions=functions)],
+            values_si=self.values,
+            standard_uncertainty_si=self.u if any(self.u) else (),
         )
 
     def validity_notes(self, conditions: Conditions) -> list[Note]:
         """Notes on records outside the fitted range of time or temperature."""
-        notes = {}
-        for functions in self._functions:
+        notes = []
+        for functions in self.functions:
             if not (isinstance(functions, Cosines) and functions.of in RECORDED):
                 continue
             values = conditions.require(functions.of, self.label)
@@ -506,20 +430,24 @@ class Discrepancy(Effect):
                 "high": float(high),
             }
             if data["records"]:
-                notes[functions.of] = Note("outside_fitted_range", data)
-        return list(notes.values())
+                notes.append(Note("outside_fitted_range", data))
+        return notes
 
 
 def discrepancy_of(entry: DiscrepancyEntry) -> Discrepancy:
     """The discrepancy of an entry in an arm file.
 
     Raises:
-        AacmmError: the functions, carriers or directions are invalid.
+        AacmmError: the functions or the carrier are invalid.
     """
-    parts = []
-    for part in entry.parts:
-        functions = tuple(map(functions_of_entry, part.functions))
-        parts.append(Part(Carrier(part.acts_on), functions, part.directions))
+    (part,) = entry.parts
+    functions = tuple(map(functions_of_entry, part.functions))
     values = entry.values_si
-    u = entry.standard_uncertainty_si
-    return Discrepancy(entry.depends_on, tuple(parts), len(values), values=values, u=u)
+    return Discrepancy(
+        entry.depends_on,
+        Carrier(part.acts_on),
+        functions,
+        len(values),
+        values=values,
+        u=entry.standard_uncertainty_si,
+    )

@@ -20,7 +20,6 @@ from aacmm_pin.effects.smooth_discrepancy import (
     Cosines,
     Discrepancy,
     Moment,
-    Part,
     Smooth,
     Waves,
 )
@@ -45,25 +44,22 @@ def records(arm: Arm, rng: np.random.Generator) -> tuple[Array, Conditions]:
 
 def one(carrier: str, *functions: Smooth) -> Discrepancy:
     """Its coefficients are 1, 2, 3 … times 1e-6."""
-    part = Part(Carrier(carrier), functions)
-    values = 1e-6 * (1.0 + np.arange(part.coefficients))
+    counts = {TIME: 3, PLACES: 2, WAVES[0]: 3}
+    size = len(Carrier(carrier).quantities)
+    for each in functions:
+        size *= counts.get(each, 1 if isinstance(each, Moment) else 2)
+    values = 1e-6 * (1.0 + np.arange(size))
     return Discrepancy(
-        "something", (part,), part.coefficients, values=tuple(values), u=tuple(0.1 * values)
+        "something",
+        Carrier(carrier),
+        functions,
+        size,
+        values=tuple(values),
+        u=tuple(0.1 * values),
     )
 
 
 GEAR = one("angle 3", Waves("joint 3", order=4), Moment("joint 3", (1.0, -2.0, 0.5)))
-
-
-def shared() -> Discrepancy:
-    """Two parts with two parameters in common."""
-    rng = np.random.default_rng(3)
-    parts = [Part(Carrier("room"), (PLACES,)), Part(Carrier("angle 4"), (TIME,))]
-    directions = [
-        tuple(map(tuple, rng.normal(0.0, 1e-4, (part.coefficients, 2)).tolist())) for part in parts
-    ]
-    filled = tuple(Part(p.carrier, p.functions, d) for p, d in zip(parts, directions, strict=True))
-    return Discrepancy("several", filled, 2, values=(1.0, 0.0), u=(0.1, 1.0))
 
 
 def by_hand(functions: tuple[Smooth, ...], tip: Array, q: Array, time: Array) -> Array:
@@ -88,7 +84,7 @@ def test_moves_the_tip_as_pinocchio_says(sino6, rng, carrier, functions):
     frames = placements(sino6, q)
     tip, time = frames[:, -1, :3, 3], conditions.require("time", "test")
     sizes = by_hand(functions, tip, q, time) @ np.reshape(
-        effect.values, (-1, effect.parts[0].carrier.axes)
+        effect.values, (-1, len(effect.carrier.quantities))
     )
     if carrier == "angle 4":
         turned = q.copy()
@@ -114,7 +110,7 @@ def test_moves_the_tip_as_pinocchio_says(sino6, rng, carrier, functions):
 @pytest.mark.parametrize(("carrier", "grow"), [("tubes", LONG), ("tube 5", [4])])
 def test_tubes_grow_as_longer_ones_do(sino6, rng, carrier, grow):
     q, conditions = records(sino6, rng)
-    effect = Discrepancy("something", (Part(Carrier(carrier), ()),), 1, values=(1e-6,))
+    effect = Discrepancy("something", Carrier(carrier), (), 1, values=(1e-6,))
     errors = np.zeros((6, 4))
     errors[grow, :2] = 1e-6 * sino6.dh.values()[grow, :2]
     longer = with_dh_errors(sino6.file, errors)
@@ -144,7 +140,7 @@ def test_ranks_are_the_same_at_new_records(rng):
     )
 
 
-@pytest.mark.parametrize("effect", [one("before 3", TIME), GEAR, shared()])
+@pytest.mark.parametrize("effect", [one("before 3", TIME), GEAR])
 def test_arm_file_brings_it_back(sino6, rng, tmp_path, effect):
     q, conditions = records(sino6, rng)
     model, path = (
@@ -192,7 +188,7 @@ ENTRY = {
     ],
     "values_si": [1e-5, 2e-5, 3e-5, 4e-5],
 }
-TURNED = {"acts_on": "angle 2", "functions": [], "directions": [[1e-5, 2e-5]]}
+CONSTANT = {"acts_on": "angle 2", "functions": []}
 MISTAKES: list[tuple[dict[str, object], str, str]] = [
     ({"values_si": [1e-5, 2e-5, 3e-5, 1.0]}, "discrepancy[1]", "expected at most"),
     ({"colour": "red"}, "discrepancy[1].colour", "depends_on"),
@@ -206,7 +202,8 @@ MISTAKES: list[tuple[dict[str, object], str, str]] = [
         "discrepancy[1]",
         "expected room",
     ),
-    ({"parts": [TURNED], "values_si": [1.0]}, "discrepancy[1]", "1 numbers each"),
+    ({"parts": [CONSTANT]}, "discrepancy[1]", "4 values; expected 1"),
+    ({"parts": [CONSTANT, CONSTANT]}, "discrepancy[1].parts", "1"),
 ]
 OF_FUNCTIONS: list[tuple[dict[str, object], str]] = [
     ({"kind": "splines"}, "expected tags"),
