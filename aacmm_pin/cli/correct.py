@@ -102,7 +102,8 @@ def run(
         for name in ("references", "relations"):
             if getattr(arm, name) is not None:
                 raise typer.BadParameter(f"--{name} cannot be used with correct; omit this option")
-        table, _, read_as, dialect = read_table(path)
+        file = read_table(path)
+        table = file.table
         unit = "rad" if "theta1_rad" in table else "deg"
         if commands:
             sent = [f"command{j}_{unit}" for j in range(1, model.arm.nq + 1)]
@@ -123,7 +124,7 @@ def run(
         of_file = Measurements.from_frame(table.loc[:, is_of_readings], model.arm.nq, path)
         readings = arm.with_approach(of_file.with_joint_angles(model.arm))
         warnings = model.input_warnings(readings.q, readings.conditions)
-        for line in (*read_as, *readings.read_as, *warnings):
+        for line in (*file.notes, *readings.read_as, *warnings):
             note(line)
         rows = _rows_in_range(model, readings)
         inside = readings.take(rows)
@@ -141,7 +142,7 @@ def run(
         computed = pd.DataFrame(values[:, : len(added)], rows, added)
         decimals = {name: DECIMALS_OF_UNIT.get(name.rpartition("_")[2], 9) for name in added}
         columns = computed.round(decimals).reindex(range(readings.n))
-        results.text(dialect.text(pd.concat([table, columns], axis=1)), output)
+        results.text(file.text(pd.concat([table, columns], axis=1)), output)
     effects = ", ".join(effect.label for effect in model.effects)
     status(
         f"{path}: computed the tip for {computed.iloc[:, 0].count()} of {readings.n} records with "

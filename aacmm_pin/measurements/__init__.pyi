@@ -17,7 +17,7 @@ from .csv_columns import (
     span,
 )
 from .csv_table import is_workbook, measurement_file, read_table
-from .csv_values import FEWEST_CONTACTS, check_values, read_values
+from .csv_values import FEWEST_CONTACTS, read_values
 from .measuring_points import Pool, bars_for, seats_for
 from .noise import ENCODER, PROBE, REFERENCE_NOISE, Noise
 from .observations import (
@@ -85,7 +85,6 @@ __all__ = [
     "bars_for",
     "best_sphere",
     "centre_of_sphere",
-    "check_values",
     "clusters_of",
     "column_of",
     "fingerprints",

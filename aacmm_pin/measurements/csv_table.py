@@ -54,28 +54,24 @@ class FileLine(NamedTuple):
         return _NO_HEADER.match(self.cells[0]) is not None
 
 
-class Dialect(NamedTuple):
-    """How a file states cells and numbers."""
+class CsvTable(NamedTuple):
+    """Cells as text with decimal points, the line of each record (n,), and notes; and how the file
+    states cells and numbers.
+    """
 
-    separator: str = ","
-    decimal_sign: str = "."
+    table: pd.DataFrame
+    lines: Index
+    notes: tuple[Note, ...]
+    separator: str
+    decimal_sign: str
 
     def text(self, table: pd.DataFrame) -> str:
-        """CSV text of a table with the columns of a file."""
+        """CSV text of a table with the columns of a file, as this file states them."""
         columns: dict[Any, Any] = dict(table.items())
         if self.decimal_sign == ",":
             for k in _numeric([str(name) for name in table]):
                 columns[table.columns[k]] = _with_sign(table.iloc[:, k], ",")
         return csv_text(columns, separator=self.separator)
-
-
-class CsvTable(NamedTuple):
-    """Cells as text with decimal points, the line of each record (n,), and notes."""
-
-    table: pd.DataFrame
-    lines: Index
-    notes: tuple[Note, ...]
-    dialect: Dialect
 
 
 def is_workbook(content: bytes) -> bool:
@@ -121,17 +117,17 @@ def read_table(path: str, content: bytes | None = None) -> CsvTable:
     while rows and not any(map(str.strip, rows[-1].cells)):
         rows.pop()
     header, lines, records = _records(path, rows, peculiarities)
-    cells = [[*column] for column in zip(*records, strict=True)] or [[] for _ in header]
-    sign = "." if separator == "," else _decimal_sign_of(header, cells, Problems(path, lines))
+    table = pd.DataFrame(records, columns=range(len(header)), dtype=object)
+    sign = "." if separator == "," else _decimal_sign_of(header, table, Problems(path, lines))
     if sign == ",":
         peculiarities.append("with decimal commas")
         for k in _numeric(header):
-            cells[k] = _with_sign(cells[k], ".")
-    table = pd.DataFrame(dict(enumerate(cells)), dtype=object).set_axis(header, axis=1)
+            table[k] = _with_sign(table[k], ".")
+    table = table.set_axis(header, axis=1)
     notes = [Note("read_with", {"ways": peculiarities})] if peculiarities else []
     if comments := len(rows) - len(records) - 1:
         notes.append(Note("comments_ignored", {"lines": comments}))
-    return CsvTable(table, lines, tuple(notes), Dialect(separator, sign))
+    return CsvTable(table, lines, tuple(notes), separator, sign)
 
 
 def _rows_of_sheet(path: str, content: bytes, peculiarities: list[str]) -> list[FileLine]:
@@ -273,19 +269,17 @@ def _numeric(header: Sequence[str]) -> list[int]:
     return [k for k, entry in enumerate(entries) if entry is UNKNOWN_COLUMN or entry.unit]
 
 
-def _decimal_sign_of(
-    header: Sequence[str], columns: Sequence[Sequence[str]], problems: Problems
-) -> str:
+def _decimal_sign_of(header: Sequence[str], table: pd.DataFrame, problems: Problems) -> str:
     """The sign of most numbers, which the others must have."""
-    signs = {k: np.array([*map(_decimal_sign, columns[k])]) for k in _numeric(header)}
-    commas = sum(np.sum(column_signs == ",") for column_signs in signs.values())
-    points = sum(np.sum(column_signs == ".") for column_signs in signs.values())
+    numeric = _numeric(header)
+    signs = table[numeric].map(_decimal_sign)
+    commas, points = (np.count_nonzero(signs == sign) for sign in (",", "."))
     usual, other = (",", ".") if commas > points else (".", ",")
     came = f"{{!r}} with a decimal {DECIMAL_SIGNS[other]}"
     expected = f"expected a decimal {DECIMAL_SIGNS[usual]} as in {max(commas, points)} numbers"
-    for k, column_signs in signs.items():
-        cells = np.array(columns[k], dtype=object)
-        problems.at(column_signs == other, header[k], f"{came}; {expected}", cells)
+    for k in numeric:
+        is_other = (signs[k] == other).to_numpy()
+        problems.at(is_other, header[k], f"{came}; {expected}", table[k].to_numpy())
     problems.stop()
     return usual
 

@@ -31,11 +31,11 @@ from aacmm_pin.measurements.csv_columns import (
     ROTATION_VECTOR,
     THETA,
     Column,
+    check_header,
     column_of,
     named,
     span,
 )
-from aacmm_pin.measurements.csv_header import check_header
 
 ENOUGH_RECORDS = 5
 ENOUGH_ANGLES = 10
@@ -87,13 +87,22 @@ class Values:
 
 
 def read_values(table: pd.DataFrame, columns: Sequence[Column], problems: Problems) -> Values:
-    """The cells of known ``columns``; mistakes go to ``problems``."""
+    """The cells of known ``columns``, each number in its range; mistakes go to ``problems``.
+
+    Raises:
+        MeasurementFileError: a cell is no number.
+    """
     values = Values(len(table), {})
     for name in table.columns:
         entry = column_of(name, columns)
         cells = cells_of(table[name])
         is_label = entry.is_label
         values.columns[name] = cells if is_label else _numbers(name, cells, entry, problems)
+    problems.stop()
+    for entry in columns:
+        names = values.names(entry)
+        if names and not entry.is_label:
+            check_numbers(entry, names, values.block(names), entry.range_in_file, problems)
     return values
 
 
@@ -114,14 +123,6 @@ def _numbers(name: str, cells: Cells, column: Column, problems: Problems) -> Arr
     if not column.may_be_empty:
         problems.at(is_empty, name, "empty cell or NaN; expected a number in each row")
     return numbers
-
-
-def check_values(values: Values, columns: Sequence[Column], problems: Problems) -> None:
-    """Check numbers against their columns."""
-    for entry in columns:
-        names = values.names(entry)
-        if names and not entry.is_label:
-            check_numbers(entry, names, values.block(names), entry.range_in_file, problems)
 
 
 def check_numbers(
@@ -184,7 +185,6 @@ def read_records(table: pd.DataFrame, nq: int | None, problems: Problems) -> Val
     if not len(table):
         problems.add("", "a header without records; expected one row per record")
     values = read_values(table, MEASUREMENT_FILE, problems)
-    problems.stop()
     theta = values.names(DEGREES)
     degrees = values.block(theta) if theta else np.empty((0, 0))
     if looks_like_radians(degrees):
@@ -196,7 +196,6 @@ def read_records(table: pd.DataFrame, nq: int | None, problems: Problems) -> Val
             f"columns {in_radians}. If they are degrees, convert them to radians and use these "
             "names.",
         )
-    check_values(values, MEASUREMENT_FILE, problems)
     _check_references(values, problems)
     for name in values.names(column_of(f"{APPROACH[:-1]}1")):
         sign = values.columns[name]

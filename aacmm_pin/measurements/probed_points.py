@@ -18,10 +18,10 @@ from aacmm_pin.measurements.csv_columns import (
     PROBED_POINT_COLUMNS,
     REFERENCE,
     REFERENCE_U,
+    checked_names,
     is_reading,
 )
-from aacmm_pin.measurements.csv_header import checked_names
-from aacmm_pin.measurements.csv_values import FEWEST_CONTACTS, cells_of, check_values, read_values
+from aacmm_pin.measurements.csv_values import FEWEST_CONTACTS, cells_of, read_values
 
 NEEDED = {
     "sphere": ("feature", "feature_diameter_mm", "probe_diameter_mm"),
@@ -65,7 +65,6 @@ def read_probed_points(table: pd.DataFrame, problems: Problems) -> pd.DataFrame:
         problems.add("", "a header without probed points; expected one row per probed point")
     problems.stop()
     values = read_values(table, PROBED_POINT_COLUMNS, problems)
-    check_values(values, PROBED_POINT_COLUMNS, problems)
     points = pd.DataFrame({"row": problems.lines})
     lengths = []
     for column in PROBED_POINT_COLUMNS:

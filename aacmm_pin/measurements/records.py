@@ -41,15 +41,15 @@ from aacmm_pin.measurements.csv_columns import (
     THETA,
     AngleUnit,
     Column,
+    check_header,
     column_of,
     named,
+    similar_labels,
 )
-from aacmm_pin.measurements.csv_header import check_header, similar_labels
 from aacmm_pin.measurements.csv_table import joined_by_record, read_table
 from aacmm_pin.measurements.csv_values import (
     Values,
     check_numbers,
-    check_values,
     looks_like_radians,
     mostly_like_radians,
     read_records,
@@ -173,7 +173,7 @@ class Measurements(Shown):
                 problems.
         """
         first = read_table(str(path))
-        table, lines, read_as, _ = first
+        table, lines, read_as, *_ = first
         if references is not None:
             table = joined_by_record(str(path), first, str(references), read_table(str(references)))
         records = _from_table(table, lines, nq, str(path))
@@ -239,7 +239,6 @@ class Measurements(Shown):
                 "arguments of their own"
             )
         values = read_values(extra, RECORD_COLUMNS, problems)
-        check_values(values, RECORD_COLUMNS, problems)
         problems.stop()
         return replace(measurements, extra=_with_numbers(extra, values))
 

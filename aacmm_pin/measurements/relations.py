@@ -12,10 +12,14 @@ from numpy.typing import NDArray
 
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.file_problems import Problems, first_few
-from aacmm_pin.measurements.csv_columns import DIAMETERS, RELATION_COLUMNS
-from aacmm_pin.measurements.csv_header import checked_names
+from aacmm_pin.measurements.csv_columns import (
+    DIAMETERS,
+    RELATION_COLUMNS,
+    checked_names,
+    single_names,
+)
 from aacmm_pin.measurements.csv_table import read_table
-from aacmm_pin.measurements.csv_values import Values, check_values, read_values
+from aacmm_pin.measurements.csv_values import Values, read_values
 
 DISTANCE, ANGLE = "distance", "angle"
 TILTS = ("tilt 1", "tilt 2")
@@ -139,16 +143,11 @@ def _cells(given: str | Path | pd.DataFrame) -> tuple[Values, Problems]:
     if not len(table):
         problems.add("", "a table without relations; expected one row per pair of planes")
     names = checked_names([*table.columns], RELATION_COLUMNS, problems)
-    valid = [column.names[0] for column in RELATION_COLUMNS]
-    for name in dict.fromkeys(names):
-        if name.strip() and name not in valid:
-            problems.add(name, f"unknown name; expected only {', '.join(valid)}; rename the column")
-    for column in RELATION_COLUMNS:
-        if column.names[0] not in names and not column.field.startswith(DISTANCE):
-            problems.add(column.names[0], "missing; expected this column in a table of relations")
+    for name in single_names(RELATION_COLUMNS):
+        if name not in names:
+            problems.add(name, "missing; expected this column in a table of relations")
     problems.stop()
     values = read_values(table, RELATION_COLUMNS, problems)
-    check_values(values, RELATION_COLUMNS, problems)
     problems.stop()
     return values, problems
 

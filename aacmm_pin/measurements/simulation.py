@@ -76,7 +76,8 @@ def simulate_measurements(
     Errors are exact (:meth:`ErrorModel.predict`). Before encoder noise, the tip misses the seat
     (``free``: the target of the tracker) by the probe noise. Causes with ``of_reference`` change
     the stated coordinates. Postures avoid the obstacles of :class:`Room`, and stay 1e-3 rad off the
-    limits. For conditions see :func:`workshop_conditions`; a session has at most 200 records.
+    limits. Time, temperature and approach are those of a workshop. A session has at most 200
+    records.
 
     Args:
         model: the arm with its errors.
@@ -163,7 +164,7 @@ class _Workshop:
     orientation_noise: float | None = None
 
     def free(self, q: Array) -> Measurements:
-        conditions = self._conditions(sessions(len(q)), q, None)
+        conditions = self._conditions(q)
         tips = self.model.predict(q, conditions, as_referenced=True)
         contacts = tips + self._normal(self.noise.probe, tips)
         stated = contacts + self._normal(self.noise.reference, tips)
@@ -181,7 +182,7 @@ class _Workshop:
         point, number = visits(counts, session, self.rng)
         q = np.stack([postures[k][j] for k, j in zip(point, number, strict=True)])
         seat = np.array(names, dtype=object)[point]
-        conditions = self._conditions(session, q, seat)
+        conditions = self._conditions(q, seat)
         q = self._postures_at(q, points[point], conditions)
         reference = None
         if stated:
@@ -203,7 +204,7 @@ class _Workshop:
         return self._measurements(q, conditions, reference, **bars)
 
     def at(self, points: Array, q: Array) -> Measurements:
-        conditions = self._conditions(sessions(len(q)), q, None)
+        conditions = self._conditions(q)
         contacts = points + self._normal(self.noise.probe, points)
         postures = self._postures_at(q, contacts, conditions)
         return self._measurements(postures, conditions, None)
@@ -223,8 +224,45 @@ class _Workshop:
             )
         return q
 
-    def _conditions(self, session: Index, q: Array, seat: Labels | None) -> Conditions:
-        return workshop_conditions(self.model, session, q, seat, self.rng)
+    def _conditions(self, q: Array, seat: Labels | None = None) -> Conditions:
+        """Conditions of records in order.
+
+        Time counts from switching on. The temperature stays within :data:`TEMPERATURE_RANGE` of the
+        reference. The approach is the sign of the motion since the record before (first: the mean
+        posture), reversed for one joint in five. Probe directions are random, if the model needs
+        them.
+        """
+        n = len(q)
+        rng = self.rng
+        session = sessions(n)
+        intervals = rng.uniform(*RECORD_INTERVAL, size=n)
+        is_pause = rng.random(n) < PAUSES
+        intervals += is_pause * rng.uniform(*PAUSE_LENGTH, size=n)
+        is_break = np.diff(session, prepend=session[:1]) > 0
+        intervals += is_break * rng.uniform(*BREAK, size=n)
+        time = np.cumsum(intervals)
+        offset, drift, phase = rng.uniform(-1.0, 1.0, size=3)
+        by_time = 0.3 * drift * time / time.max(initial=1.0)
+        by_day = 0.2 * np.sin(2 * np.pi * time / DAY + np.pi * phase)
+        share = 0.4 * offset + by_time + by_day + rng.uniform(-0.1, 0.1, size=n)
+        approach = np.sign(np.diff(q, axis=0, prepend=q.mean(axis=0, keepdims=True)))
+        is_reversed = rng.random(q.shape) < OVERSHOOT
+        approach = np.where(is_reversed, -approach, approach)
+        labels = np.array([str(number + 1) for number in session], dtype=object)
+        conditions = Conditions(
+            n,
+            time=time,
+            temperature=self.model.arm.reference_temperature + TEMPERATURE_RANGE * share,
+            approach=approach + 0.0,  # without -0
+            seat=seat,
+            session=labels if session.any() else None,
+        )
+        needs = {need for effect in self.model.effects for need in effect.needs}
+        if "probe_direction" in needs:
+            # A stream of its own: all other numbers are the same without it.
+            directions = probe_directions(n, rng.spawn(1)[0])
+            conditions = replace(conditions, probe_direction=directions)
+        return conditions.with_usual(needs, q.shape[1])
 
     def _normal(self, u: float, like: Array) -> Array:
         return u * self.rng.normal(size=like.shape)
@@ -300,61 +338,6 @@ def sessions(records: int) -> Index:
     """Session of each record, from 0, of equal sizes: (records,)."""
     count = -(-records // MOST_IN_SESSION)
     return np.sort(np.arange(records) % count)
-
-
-def workshop_conditions(
-    model: ErrorModel,
-    session: Index,
-    q: Array,
-    seat: Labels | None,
-    rng: np.random.Generator,
-) -> Conditions:
-    """Conditions of records in order.
-
-    Time counts from switching on. The temperature stays within :data:`TEMPERATURE_RANGE` of the
-    reference. The approach is the sign of the motion since the record before (first: the mean
-    posture), reversed for one joint in five. Probe directions are random, if ``model`` needs them.
-    ``session`` is ascending (n,); q is (n, nq) [rad].
-    """
-    n = len(session)
-    time = _times(session, rng)
-    temperature_change = TEMPERATURE_RANGE * _temperature_share(time, rng)
-    approach = np.sign(np.diff(q, axis=0, prepend=q.mean(axis=0, keepdims=True)))
-    is_reversed = rng.random(q.shape) < OVERSHOOT
-    session_labels = None
-    if session.any():
-        session_labels = np.array([str(number + 1) for number in session], dtype=object)
-    conditions = Conditions(
-        n,
-        time=time,
-        temperature=model.arm.reference_temperature + temperature_change,
-        approach=np.where(is_reversed, -approach, approach) + 0.0,  # without -0
-        seat=seat,
-        session=session_labels,
-    )
-    needs = {need for effect in model.effects for need in effect.needs}
-    if "probe_direction" in needs:
-        # A stream of its own: all other numbers are the same without it.
-        directions = probe_directions(n, rng.spawn(1)[0])
-        conditions = replace(conditions, probe_direction=directions)
-    return conditions.with_usual(needs, q.shape[1])
-
-
-def _times(session: Index, rng: np.random.Generator) -> Array:
-    intervals = rng.uniform(*RECORD_INTERVAL, size=len(session))
-    is_pause = rng.random(len(session)) < PAUSES
-    intervals += is_pause * rng.uniform(*PAUSE_LENGTH, size=len(session))
-    is_break = np.diff(session, prepend=session[:1]) > 0
-    intervals += is_break * rng.uniform(*BREAK, size=len(session))
-    return np.cumsum(intervals)
-
-
-def _temperature_share(time: Array, rng: np.random.Generator) -> Array:
-    """Random numbers within ±1 (n,): offset, drift, sine of the day and noise."""
-    offset, drift, phase = rng.uniform(-1.0, 1.0, size=3)
-    share = 0.4 * offset + 0.3 * drift * time / time.max(initial=1.0)
-    share += 0.2 * np.sin(2 * np.pi * time / DAY + np.pi * phase)
-    return np.asarray(share + rng.uniform(-0.1, 0.1, size=len(time)))
 
 
 def probe_directions(n: int, rng: np.random.Generator) -> Array:

@@ -19,7 +19,6 @@ from aacmm_pin.measurements import (
     PROBED_POINT_COLUMNS,
     REFERENCE,
     Measurements,
-    check_values,
     column_of,
     is_reading,
     read_probed_points,
@@ -66,7 +65,7 @@ def brief(source: str, most: int) -> str:
 
 def read_file(path: str, content: bytes, models: Mapping[str, ErrorModel]) -> ProbedPoints:
     """The probed points of a file, by its coordinates and by each arm."""
-    table, lines, read_as, _ = read_table(path, content)
+    table, lines, read_as, *_ = read_table(path, content)
     problems = Problems(path, lines)
     points = read_probed_points(table, problems)
     to_fill = [str(name) for name in table if name in REFERENCE or is_reading(name)]
@@ -110,7 +109,6 @@ def _given_coordinates(table: pd.DataFrame, problems: Problems) -> Array | None:
             ", ".join(missing), f"missing, but the file has {', '.join(given)}; expected all three"
         )
     values = read_values(table[given], MEASUREMENT_FILE, problems)
-    check_values(values, MEASUREMENT_FILE, problems)
     for name in given:
         empty = np.array([not cell.strip() for cell in table[name]], dtype=bool)
         problems.at(empty, name, "empty cell; expected a number with a decimal point")

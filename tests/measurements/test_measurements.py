@@ -256,10 +256,10 @@ def test_a_table_is_written_in_the_dialect_in_which_it_was_read(tmp_path):
         "theta1_deg\tx\n-10.5\t1,5 mm\n",
         "theta1_deg,x\n-10.5,a;b\n",
     ):
-        table, *_, dialect = read_table(str(write(tmp_path, content)))
-        assert dialect.text(table) == content
-    table, *_, dialect = read_table(str(write(tmp_path, "theta1_deg;seat\n-10,5;1.5\n3;\n")))
-    added = dialect.text(table.assign(u_mm=[-0.25, np.nan]))
+        file = read_table(str(write(tmp_path, content)))
+        assert file.text(file.table) == content
+    file = read_table(str(write(tmp_path, "theta1_deg;seat\n-10,5;1.5\n3;\n")))
+    added = file.text(file.table.assign(u_mm=[-0.25, np.nan]))
     assert added == "theta1_deg;seat;u_mm\n-10,5;1.5;-0,25\n3;;\n"
 
 
