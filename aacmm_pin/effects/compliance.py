@@ -70,12 +70,6 @@ class LoadedEffect(Effect):
         """The place of the load as text."""
         return [] if self.load_at is None else [f"load at end of body {self.load_at}"]
 
-    def load_variants(self, arm: Arm) -> tuple[Self, ...]:
-        """Variants with a load at the tip, and at the end of each tube that the cause carries."""
-        ends = dict.fromkeys((*tubes(arm), arm.chain.rows))
-        carried = [row for row in ends if row >= (self.row or 0)]
-        return tuple(replace(self, load_at=row, values=(), u=()) for row in carried)
-
     def moment_of_unit_load(self, state: State, row: int, points: Array) -> Array:
         """The moment of a unit load beyond body ``row`` about ``points`` ``(n, 3)`` [m], in the
         base ``(n, 3)``.
@@ -130,12 +124,6 @@ class GravityEffect(LoadedEffect):
             return None
         return replace(self, bodies=bodies_beyond(arm, self.bodies[0]), values=(), u=())
 
-    def load_variants(self, arm: Arm) -> tuple[Self, ...]:
-        """The variants with a load; none if ``bodies`` act."""
-        if self.bodies or "torque" in self.needs:
-            return ()
-        return super().load_variants(arm)
-
     def moments(self, state: State, row: int) -> Array:
         """The moment about the bearing of ``row`` per unit of each parameter, in the base ``(n, 3,
         p)``.
@@ -171,8 +159,15 @@ def bodies_beyond(arm: Arm, row: int) -> tuple[int, ...]:
 
 
 def load_variants(effect: Effect, arm: Arm) -> tuple[Effect, ...]:
-    """The variants of an effect with an unknown load; none for an effect without weights."""
-    return effect.load_variants(arm) if isinstance(effect, LoadedEffect) else ()
+    """The variants of an effect with an unknown load at the tip, or at the end of a tube that the
+    cause carries; none for a cause without weights, or with weights of its own.
+    """
+    has_weights = getattr(effect, "bodies", ()) or "torque" in effect.needs
+    if not isinstance(effect, LoadedEffect) or has_weights:
+        return ()
+    ends = dict.fromkeys((*tubes(arm), arm.chain.rows))
+    carried = [row for row in ends if row >= (effect.row or 0)]
+    return tuple(replace(effect, load_at=row, values=(), u=()) for row in carried)
 
 
 @dataclass(frozen=True, eq=False)

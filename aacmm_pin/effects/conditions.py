@@ -257,36 +257,34 @@ class Conditions(Shown):
         """The names of the known conditions."""
         return tuple(name for name in CONDITION_ENTRIES if getattr(self, name) is not None)
 
-    @property
-    def temperatures(self) -> Array:
-        """All known temperatures of the arm, ``(values,)`` [°C]."""
+    def temperature_notes(self, reference: float, are_used: bool) -> list[Note]:
+        """A note on temperatures that are implausible in a workshop, if a model uses them; else on
+        temperatures that differ from the ``reference`` temperature of the lengths [°C].
+        """
         arrays = [v for v in (self.temperature, self.link_temperature) if v is not None]
-        return np.concatenate([np.zeros(0), *map(np.ravel, arrays)])
-
-    def odd_temperatures(self, reference: float) -> list[Note]:
-        """A note on temperatures that are implausible in a workshop; ``reference`` in °C."""
-        values = self.temperatures
+        values = np.concatenate([np.zeros(0), *map(np.ravel, arrays)])
         if not values.size:
             return []
-        data = _range_of(values) | {"reference": reference}
-        if data["least"] > HOT_WORKSHOP:
-            return [Note("temperatures_high", data)]
-        return [Note("temperatures_low", data)] if data["most"] < COLD_WORKSHOP else []
-
-    def other_temperatures(self, reference: float) -> list[Note]:
-        """A note if temperatures differ from the ``reference`` temperature of the lengths [°C]."""
-        values = self.temperatures
-        if abs(values - reference).max(initial=0.0) < TEMPERATURE_TOLERANCE:
-            return []
-        return [Note("temperatures_other", _range_of(values) | {"reference": reference})]
+        least = float(values.min())
+        most = float(values.max())
+        if are_used:
+            codes = {
+                "temperatures_high": least > HOT_WORKSHOP,
+                "temperatures_low": most < COLD_WORKSHOP,
+            }
+        else:
+            difference = max(reference - least, most - reference)
+            codes = {"temperatures_other": difference >= TEMPERATURE_TOLERANCE}
+        data = {"least": least, "most": most, "reference": reference}
+        return [Note(code, data) for code, applies in codes.items() if applies]
 
     @property
     def odd_clock(self) -> list[Note]:
         """A note if the times cannot count from switching on."""
-        time = self.time
-        if time is None or not time.size or 0.0 <= time.min() <= LONGEST_ON:
+        times = self.times
+        if not times.size or 0.0 <= times[0] <= LONGEST_ON:
             return []
-        return [Note("clock_odd", _range_of(time))]
+        return [Note("clock_odd", {"least": float(times[0]), "most": float(times[-1])})]
 
     def require(self, name: str, purpose: str) -> NDArray:  # type: ignore[type-arg]
         """The condition ``name``, which ``purpose`` needs.
@@ -326,10 +324,6 @@ class Records(Protocol):
     @property
     def known(self) -> Mask:
         """True for records with known coordinates of the tip, ``(n,)``."""
-
-
-def _range_of(values: Array) -> dict[str, float]:
-    return {"least": float(values.min()), "most": float(values.max())}
 
 
 def _directions(values: ArrayLike) -> Array:

@@ -254,6 +254,8 @@ class Effect(Shown, ABC):
     """True if the cause can be every function of its place, and so acts there alone."""
     remedy: ClassVar[str] = ""
     """What to do with the records, if the set-up has the error and not the arm; else ""."""
+    of_fit: ClassVar[tuple[str, ...]] = ()
+    """Fields that a fit states beside the values, such as the range of the records."""
     follows: ClassVar[str] = ""
     """The cause without which this is not tried at a place, such as the first periodic error."""
     nonlinear: ClassVar[Nonlinear[Any]] = Nonlinear()
@@ -411,8 +413,8 @@ class Effect(Shown, ABC):
 
     @property
     def identity(self) -> tuple[object, ...]:
-        """The name, the place and all other fields, without the values."""
-        names = fields_of(type(self))
+        """The name, the place and all other fields, without the values and ``of_fit``."""
+        names = [name for name in fields_of(type(self)) if name not in self.of_fit]
         return (self.cause, *(getattr(self, name) for name in names))
 
     @property

@@ -206,9 +206,7 @@ class _Periodic(OfAngle):
         return np.array([[c, s], of_phase])
 
     def from_file(self, file_values: Mapping[str, float]) -> tuple[float, ...]:
-        """Values from amplitude and phase, or from the linear parts."""
-        if set(file_values) <= {"cos_rad", "sin_rad"}:
-            return super().from_file(file_values)
+        """Values from amplitude and phase."""
         keys = ["amplitude_rad", "phase_rad"]
         require_names(file_values, keys, f"parameter of {self.label}")
         amplitude, phase = (file_values.get(key, 0.0) for key in keys)

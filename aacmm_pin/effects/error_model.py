@@ -274,11 +274,8 @@ class ErrorModel(Shown):
         notes = [*whole_turn_notes(q, self.arm.limits, self.arm.chain.prismatic)]
         if any(isinstance(effect.nonlinear, TimeConstant) for effect in self.effects):
             notes += conditions.odd_clock
-        reference = self.arm.reference_temperature
-        if any("temperature" in effect.needs for effect in self.effects):
-            notes += conditions.odd_temperatures(reference)
-        else:
-            notes += conditions.other_temperatures(reference)
+        are_used = any("temperature" in effect.needs for effect in self.effects)
+        notes += conditions.temperature_notes(self.arm.reference_temperature, are_used)
         unknown = self.other_targets(conditions)
         if unknown:
             notes.append(Note("markers_unknown", {"arm": self.arm.name, "markers": unknown}))
@@ -446,22 +443,10 @@ def require_shown(effect: Effect, arm: Arm, q: Array, conditions: Conditions, so
     state = State(arm, q, conditions, arm.chain.tip)
     if not effect.needs or any(d.columns.any() for d in effect.displacements(state)):
         return
-    from aacmm_pin._support.file_problems import first_few  # loads pandas
-
-    stated = []
-    for need in effect.needs:
-        values = getattr(conditions, need)
-        if values is None:
-            continue
-        if values.dtype == object:
-            labels = [label for label in dict.fromkeys(values) if label]
-            came = first_few(labels)
-        else:
-            came = f"{values.min():.6g} to {values.max():.6g}"
-        stated.append(f"{CONDITION_COLUMNS[need]} has {came}")
+    columns = ", ".join(CONDITION_COLUMNS[need] for need in effect.needs)
     raise AacmmError(
-        f"{effect.key}: the cause has no effect in {source}, where {'; '.join(stated)}; take "
-        "records with other conditions"
+        f"{effect.key}: the cause has no effect in {source}; take records with other values of "
+        f"{columns}"
     )
 
 

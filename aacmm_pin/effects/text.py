@@ -54,9 +54,16 @@ def cause_of(text: str, model: ErrorModel, present: Collection[str] = ()) -> Eff
     """
     cause, *details = re.split("[:,]", text, maxsplit=1)
     kind = cause_named(cause)
+    location = kind.location_field()
     fields = {}
     parameters = {}
-    for name, value in _items(text, details, kind):
+    for number_of_item, item in enumerate(filter(None, ",".join(details).split(","))):
+        name, equals, value = item.partition("=")
+        if not equals and number_of_item == 0 and location is not None:  # as in encoder_gain:3
+            name = location
+            value = item
+        elif not (equals and name):
+            raise AacmmError(f"{text!r}: {item!r} has no value; expected {_form(kind)}")
         if name in fields or name in parameters:
             raise AacmmError(f"{text!r}: {name} occurs twice; expected each name once")
         if name in fields_of(kind):
@@ -84,21 +91,6 @@ def text_of(effect: Effect) -> str:
     parameters = effect.file_values().items()
     values = ",".join(f"{name}={value:.4g}" for name, value in parameters)
     return f"{effect.key}{',' if ':' in effect.key else ':'}{values}"
-
-
-def _items(text: str, details: list[str], kind: type[Effect]) -> list[tuple[str, str]]:
-    """Names and values in a text; the first may be the place alone, as in encoder_gain:3."""
-    location = kind.location_field()
-    items: list[tuple[str, str]] = []
-    for item in filter(None, ",".join(details).split(",")):
-        name, equals, value = item.partition("=")
-        if not equals and not items and location is not None:
-            name = location
-            value = item
-        elif not (equals and name):
-            raise AacmmError(f"{text!r}: {item!r} has no value; expected {_form(kind)}")
-        items.append((name, value))
-    return items
 
 
 def _field(kind: type[Effect], name: str, value: str) -> Any:
@@ -232,12 +224,9 @@ def _effect_of_entry(entry: EffectEntry | DiscrepancyEntry, arm: Arm) -> Effect:
     if isinstance(entry, EffectEntry):
         kind = cause_named(entry.cause)
         effect = effect_from(kind, entry.structure, entry.parameters, entry.uncertainty)
-        linear = [term.key for term in effect.terms]
-        in_file = [*effect.file_values()]
-        expected_parameters = linear if {*entry.parameters} <= {*linear} else in_file
         for key, stated, expected in (
-            ("parameters", entry.parameters, expected_parameters),
-            ("uncertainty", entry.uncertainty, linear),
+            ("parameters", entry.parameters, effect.file_values()),
+            ("uncertainty", entry.uncertainty, [term.key for term in effect.terms]),
         ):
             missing = [name for name in expected if name not in stated]
             if stated and missing:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar, Self
+from typing import ClassVar
 
 import numpy as np
 
@@ -76,15 +76,11 @@ class ZeroDrift(Effect):
     until_s: float | None = None
     cause = "zero_drift"
     function_of = "time"
+    of_fit = ("until_s",)
     words = "drift of the zero"
     needs = ("time",)
     nonlinear = _TimeOfDrift("time_constant_s")
     terms = (Term("", "rad", 2e-4, "drift_rad"),)
-
-    @property
-    def identity(self) -> tuple[object, ...]:
-        """The name, the joint and the time constant."""
-        return (self.cause, self.joint, self.time_constant_s)
 
     def validity_notes(self, conditions: Conditions) -> list[Note]:
         """A note about records that are later than ``until_s``."""
@@ -146,7 +142,8 @@ class TimeOfStep(Nonlinear["StepInTime"]):
         number = int(np.searchsorted(middles, effect.when))
         first = max(number - GAPS_NEAR // 2, 0)
         near = middles[first : first + GAPS_NEAR]
-        return [self.at(effect.with_gap((), ()), time) for time in near.tolist()]
+        unknown_gap = replace(effect, between_s=(), sessions=())
+        return [self.at(unknown_gap, time) for time in near.tolist()]
 
     def gap(self, effect: StepInTime, records: Records) -> float:
         """Width of the gap between two records in which the step is [s]."""
@@ -176,7 +173,7 @@ class TimeOfStep(Nonlinear["StepInTime"]):
         before = float(times[times < low].max(initial=-LATEST))
         after = float(times[times > high].min(initial=LATEST))
         sessions = ("",) if labels is None else tuple(sorted({*labels.tolist()}))
-        return effect.with_gap((before, after), sessions)
+        return replace(effect, between_s=(before, after), sessions=sessions)
 
     def extrapolation_terms(self, effect: StepInTime) -> tuple[Effect, ...]:
         """Whether a reading between the two times is before or after the step."""
@@ -198,6 +195,7 @@ class StepInTime(Effect):
     between_s: tuple[float, ...] = ()
     sessions: tuple[str, ...] = ()
     function_of = "time"
+    of_fit = ("between_s", "sessions")
     needs: ClassVar[tuple[str, ...]] = ("time",)
     nonlinear = TimeOfStep("time_s")
 
@@ -206,22 +204,12 @@ class StepInTime(Effect):
         """The time of the step [s]."""
         return self.nonlinear.value(self)
 
-    def with_gap(self, between_s: tuple[float, ...], sessions: tuple[str, ...]) -> Self:
-        """The cause with another gap, by the clock of other sessions."""
-        fields: dict[str, Any] = {"between_s": between_s, "sessions": sessions}
-        return replace(self, **fields)
-
     def __post_init__(self) -> None:
         super().__post_init__()
         gap = self.between_s
         if gap and not (len(gap) == 2 and gap[0] <= self.when <= gap[1]):
             expected = f"expected two times around time_s ({self.when:g})"
             raise AacmmError(f"{self.label}: between_s is {gap}; {expected}")
-
-    @property
-    def identity(self) -> tuple[object, ...]:
-        """The name, the place and the time."""
-        return (self.cause, self.place, self.when)
 
     def validity_notes(self, conditions: Conditions) -> list[Note]:
         """Notes on records before the step, and of later sessions."""

@@ -25,6 +25,7 @@ from aacmm_pin.effects import (
     SeatShift,
     ThermalExpansion,
     ZeroDrift,
+    load_variants,
 )
 from aacmm_pin.effects.conditions import Conditions
 from aacmm_pin.effects.encoder import LEAST_SPREAD, ORDERS_NEAR, PER_COEFFICIENT
@@ -112,14 +113,14 @@ def test_places(sino6, zero6, robot_file, rng):
 
 
 def test_loads_hang_where_the_joint_carries_them(zero6):
-    ends = {e.load_at for e in JointCompliance(1).load_variants(zero6)}
+    ends = {e.load_at for e in load_variants(JointCompliance(1), zero6)}
     assert max(ends) == zero6.chain.rows
     for joint in range(1, 7):
-        carried = {e.load_at for e in JointCompliance(joint).load_variants(zero6)}
+        carried = {e.load_at for e in load_variants(JointCompliance(joint), zero6)}
         assert carried == {row for row in ends if row >= joint}
     # A measured torque has the load already; masses that nobody stated have none beside them.
     for effect in (JointCompliance(2, torque="measured"), JointCompliance(2, bodies=(4, 5))):
-        assert effect.load_variants(zero6) == ()
+        assert load_variants(effect, zero6) == ()
 
 
 def refined(effect: Effect, records: Taken) -> list[Any]:

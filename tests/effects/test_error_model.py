@@ -222,7 +222,7 @@ def test_file_written_by_hand(tmp_path):
     text = effect_text(
         'cause = "encoder_eccentricity"',
         "joint = 3",
-        "parameters = { cos_rad = 1e-4, sin_rad = -2e-4 }",
+        "parameters = { amplitude_rad = 1e-4, phase_rad = 3.141592653589793 }",
     )
     phase = effect_text(
         'cause = "encoder_ellipticity"',
@@ -231,7 +231,8 @@ def test_file_written_by_hand(tmp_path):
     )
     none = effect_text('cause = "thermal_expansion"')
     model = ErrorModel.load(write(tmp_path, text, phase, none, GAIN))
-    assert [e.values for e in model.effects] == [(1e-4, -2e-4), (1e-4, 0.0), (0.0,), (2e-4,)]
+    assert model.effects[0].values == pytest.approx((-1e-4, 0.0), abs=1e-19)
+    assert [e.values for e in model.effects[1:]] == [(1e-4, 0.0), (0.0,), (2e-4,)]
     assert [e.u for e in model.effects] == [(0.0, 0.0), (0.0, 0.0), (0.0,), (1e-6,)]
 
 
