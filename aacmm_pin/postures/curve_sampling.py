@@ -25,8 +25,6 @@ ARC_BINS = 3600
 """Resolution of the arc fraction: 0.1° of swivel."""
 SAME_SWIVEL = 1e-10
 """Tolerance of a wanted angle [rad]."""
-MOST_TRIALS, NO_LENGTH = 100, 1e-15
-"""Trials, and length of a bracket, at which it is met as well as can be [rad]."""
 CURVED = 0.02
 """Largest distance of a curve from a chord [rad]."""
 OUTWARDS = np.array([-1.0, 1.0])
@@ -169,102 +167,73 @@ def evenly(
             (nearly degenerate arm).
     """
     guesses = []
-    for vertices in _finer(equations, curves):
-        length = np.linalg.norm(np.diff(path(vertices), axis=0), axis=1)
+    for curve in curves:
+        vertices = curve.q
+        if curve.closed:
+            # A joint may make whole revolutions along the curve.
+            revolutions = np.round((vertices[-1] - vertices[0]) / (2 * np.pi))
+            vertices = np.vstack([vertices, vertices[:1] + revolutions * 2 * np.pi])
+        numbers = np.arange(float(len(vertices)))
+        rows = np.arange(numbers[-1] * FINER + 1) / FINER
+        # What does not arrive is near enough to measure a path.
+        finer, _ = equations.polish(_interpolated(rows, numbers, vertices), curve.problem)
+        length = np.linalg.norm(np.diff(path(finer), axis=0), axis=1)
         if length.sum() < STILL:
-            length = np.linalg.norm(np.diff(vertices, axis=0), axis=1)
+            length = np.linalg.norm(np.diff(finer, axis=0), axis=1)
         along = np.concatenate([[0.0], np.cumsum(length)])
-        wanted = np.arange(count) * (along[-1] / count)
-        guesses.append(np.column_stack([np.interp(wanted, along, column) for column in vertices.T]))
+        guesses.append(_interpolated(np.arange(count) * (along[-1] / count), along, finer))
     number = np.repeat(np.arange(len(guesses)), count)
     problem = np.array([c.problem for c in curves])[number]
     q, arrived = equations.polish(np.concatenate(guesses), problem)
     return q[arrived], number[arrived], int((~arrived).sum())
 
 
-def _finer(equations: Equations, curves: list[Curve]) -> list[Array]:
-    """Solutions between the vertices of each curve; a closed one ends with its first."""
-    finer = []
-    for curve in curves:
-        q = curve.q
-        if curve.closed:
-            # A joint may make whole revolutions along the curve.
-            revolutions = np.round((q[-1] - q[0]) / (2 * np.pi))
-            q = np.vstack([q, q[:1] + revolutions * 2 * np.pi])
-        numbers = np.arange(len(q))
-        rows = np.arange(numbers[-1] * FINER + 1) / FINER
-        finer.append(np.column_stack([np.interp(rows, numbers, angles) for angles in q.T]))
-    lengths = [len(q) for q in finer]
-    problem = np.repeat([c.problem for c in curves], lengths)
-    # What does not arrive is near enough to measure a path.
-    solutions, _ = equations.polish(np.concatenate(finer), problem)
-    return np.split(solutions, np.cumsum(lengths)[:-1])
+def _interpolated(wanted: Array, along: Array, rows: Array) -> Array:
+    """Rows (n, k) at ``wanted`` values, from those at the values ``along`` a path."""
+    return np.column_stack([np.interp(wanted, along, column) for column in rows.T])
 
 
-def _swivel_crossings(pieces: _Segments, angles: Array) -> tuple[Index, Index, Array]:
-    """Where swivel passes one of ``angles`` (s,) [rad]; the start of a piece counts, its end not.
-
-    Returns:
-        piece and angle (n,), and swivel from the start of the piece (n,) [rad].
+def _centres_passed(pieces: _Segments, sectors: int) -> tuple[Index, Index]:
+    """Pieces and the sectors (n,) whose centres they pass; the start of a piece counts, its end
+    not.
     """
-    order = np.argsort(wrapped(angles))
-    revolutions = 2 * np.pi * np.arange(-1, 2)
-    crossings = (wrapped(angles)[order] + revolutions[:, None]).ravel()
-    low, high = np.sort([pieces.swivel, pieces.swivel + pieces.swivel_change], axis=0)
-    first = np.searchsorted(crossings, low - SAME_SWIVEL)
-    last = np.searchsorted(crossings, high + SAME_SWIVEL)
-    count = last - first
-    piece = np.repeat(np.arange(len(first)), count)
-    number = np.arange(len(piece)) + np.repeat(last - np.cumsum(count), count)
-    which = order[number % len(angles)]
-    ahead = wrapped(angles[which] - pieces.swivel[piece])
-    change = pieces.swivel_change[piece]
-    passed = np.where(change >= 0, (ahead >= 0) & (ahead < change), (ahead <= 0) & (ahead > change))
+    width = 2 * np.pi / sectors
+    start = pieces.swivel / width
+    end = (pieces.swivel + pieces.swivel_change) / width
+    forwards = end > start
+    first = np.where(forwards, np.ceil(start), np.floor(end) + 1).astype(np.intp)
+    stop = np.where(forwards, np.ceil(end), np.floor(start) + 1).astype(np.intp)
     # An elbow that stays in one plane passes no angle, but by rounding.
-    passed &= np.abs(change) > SAME_SWIVEL
-    return piece[passed], which[passed], ahead[passed]
+    count = np.where(np.abs(pieces.swivel_change) > SAME_SWIVEL, stop - first, 0)
+    piece = np.repeat(np.arange(len(first)), count)
+    number = np.arange(len(piece)) + np.repeat(first - np.cumsum(count) + count, count)
+    return piece, number % sectors
 
 
 def _solutions_at_swivel(
-    components: Components, pieces: _Segments, piece: Index, wanted: Array, ahead: Array
+    components: Components, pieces: _Segments, piece: Index, wanted: Array
 ) -> tuple[Array, Mask]:
-    """Postures (n, k) on each ``piece`` (n,) with swivel ``wanted`` (n,), ``ahead`` of its start;
-    and which were found.
+    """Postures (n, k) on each ``piece`` (n,) with swivel ``wanted`` (n,); and which were found."""
+    from scipy.optimize.elementwise import find_root
 
-    False position, every trial moved onto the curve; an end that stays counts less and less: N.
-    Anderson, Å. Björck, "A new high order method of regula falsi type", BIT 13 (1973).
-    """
-    problem = pieces.problem[piece]
-    open_rows = np.arange(len(piece))
     start = pieces.start[piece]
-    end = pieces.end[piece]
-    gap_start = ahead.copy()
-    gap_end = ahead - pieces.swivel_change[piece]
-    q = start.copy()
-    last_replaced = np.zeros(len(piece))  # 1: the start, -1: the end
-    arrived = np.ones(len(piece), dtype=bool)
-    for _ in range(MOST_TRIALS):
-        fraction = (gap_start / (gap_start - gap_end))[open_rows, None]
-        guess = start[open_rows] + fraction * (end - start)[open_rows]
-        q[open_rows], arrived[open_rows] = components.equations.polish(guess, problem[open_rows])
-        swivel = components.angle(q[open_rows], problem[open_rows])
-        gap = wrapped(wanted[open_rows] - swivel)
-        is_before = np.sign(gap) == np.sign(gap_start[open_rows])
-        with np.errstate(divide="ignore", invalid="ignore"):  # an end that is met
-            weight = 1.0 - gap / np.where(is_before, gap_start[open_rows], gap_end[open_rows])
-        weight = np.where(weight > 0, weight, 0.5)
-        before = open_rows[is_before]
-        beyond = open_rows[~is_before]
-        gap_end[before] *= np.where(last_replaced[before] > 0, weight[is_before], 1.0)
-        gap_start[beyond] *= np.where(last_replaced[beyond] < 0, weight[~is_before], 1.0)
-        start[before], gap_start[before] = q[before], gap[is_before]
-        end[beyond], gap_end[beyond] = q[beyond], gap[~is_before]
-        last_replaced[before], last_replaced[beyond] = 1.0, -1.0
-        length = np.abs(end - start).max(axis=1)[open_rows]
-        open_rows = open_rows[(np.abs(gap) > SAME_SWIVEL) & (length > NO_LENGTH)]
-        if not open_rows.size:
-            break
-    return q, arrived
+    chord = pieces.end[piece] - start
+    problem = pieces.problem[piece]
+
+    def posture(fraction: Array, row: Index) -> tuple[Array, Mask]:
+        guess = start[row] + fraction[:, None] * chord[row]
+        return components.equations.polish(guess, problem[row])
+
+    def gap(fraction: Array, row: Index) -> Array:
+        q, _ = posture(fraction, row)
+        return wrapped(components.angle(q, problem[row]) - wanted[row])
+
+    rows = np.arange(len(piece))
+    ends = np.zeros(len(piece)), np.ones(len(piece))
+    tolerances = {"fatol": SAME_SWIVEL}
+    root = find_root(gap, ends, args=(rows,), tolerances=tolerances)
+    q, arrived = posture(root.x, rows)
+    return q, arrived & root.success
 
 
 def sector_centres(sectors: int) -> Array:
@@ -303,14 +272,13 @@ class Sectors:
             q = np.empty((0, len(limits)))
             return Sectors(q, none, none, theoretical, working)
         pieces = components.segments
-        centres = sector_centres(sectors)
-        piece, sector, ahead = _swivel_crossings(pieces, centres)
+        piece, sector = _centres_passed(pieces, sectors)
         theoretical[pieces.problem[piece], sector] = True
         may_be_inside = ~components.outside(limits)[piece]
         piece = piece[may_be_inside]
         sector = sector[may_be_inside]
-        ahead = ahead[may_be_inside]
-        q, is_found = _solutions_at_swivel(components, pieces, piece, centres[sector], ahead)
+        wanted = sector_centres(sectors)[sector]
+        q, is_found = _solutions_at_swivel(components, pieces, piece, wanted)
         q = into_limits(components.full(q), limits)
         inside = is_found & ~outside_limits(q, limits).any(axis=1)
         q = q[inside]
@@ -350,19 +318,14 @@ def arc_fractions(components: Components, limits: Array) -> Array:
 
 def _covered_bins(problem: Index, start: Array, change: Array, points: int) -> Index:
     """Number of ``ARC_BINS`` with the centre on an arc from ``start`` over ``change`` (points,)."""
-    bins = ARC_BINS
-    bins_per_radian = bins / (2 * np.pi)
-    low = np.where(change >= 0, start, start + change) % (2 * np.pi) * bins_per_radian
+    bins_per_radian = ARC_BINS / (2 * np.pi)
+    low = np.minimum(start, start + change) % (2 * np.pi) * bins_per_radian
     high = low + np.abs(change) * bins_per_radian
     first = np.ceil(low - 0.5).astype(np.intp)
     end = np.ceil(high - 0.5).astype(np.intp)
-    over = end > bins  # these begin again at bin 0
-    problem = np.concatenate([problem, problem[over]])
-    first = np.concatenate([first, np.zeros_like(end[over])])
-    end = np.concatenate([np.minimum(end, bins), end[over] - bins])
-    # Bins of all points in one row, arcs in order: each adds those after the last one covered.
-    order = np.argsort(problem * bins + first, kind="stable")
-    bin_0 = problem[order] * bins
-    covered_to = np.maximum.accumulate(np.concatenate([[0], bin_0 + end[order]]))
-    added = covered_to[1:] - np.maximum(covered_to[:-1], bin_0 + first[order])
-    return np.bincount(problem[order], np.maximum(added, 0), points).astype(np.intp)
+    begun = np.zeros((points, ARC_BINS), dtype=np.int16)
+    np.add.at(begun, (problem, first % ARC_BINS), 1)
+    np.add.at(begun, (problem, end % ARC_BINS), -1)
+    np.add.at(begun[:, 0], problem, end // ARC_BINS - first // ARC_BINS)  # over bin 0
+    covered = np.cumsum(begun, axis=1, dtype=np.int16) > 0
+    return np.asarray(covered.sum(axis=1))

@@ -24,7 +24,6 @@ from aacmm_pin.postures.newton_search import (
     MOST_STARTS,
     Isolated,
     Search,
-    SelfMotion,
     search,
 )
 from aacmm_pin.postures.pose_equations import Equations
@@ -34,7 +33,12 @@ from aacmm_pin.postures.postures_at_point import (
     missing_notes,
     open_curve_notes,
 )
-from aacmm_pin.postures.solution_curves import NEARLY_SINGULAR, Curve, flattest
+from aacmm_pin.postures.solution_curves import (
+    NEARLY_SINGULAR,
+    Curve,
+    CurveSearch,
+    flattest,
+)
 
 CONDITIONS = {3: "a point", 5: "a point and an axis", 6: "a full pose"}
 ELBOW_JOINT = 4
@@ -149,11 +153,11 @@ def reaching_postures(
     place = vector(point, 3, "point", "m")
     equations = _equations(arm, place, axis, tool, rotation)
     curves: tuple[Curve, ...] = ()
-    finds = Isolated(equations) if equations.count == arm.nq else SelfMotion(equations)
+    finds = Isolated(equations) if equations.count == arm.nq else CurveSearch(equations)
     outcome = search(finds, arm.nq, most_starts)
     notes = []
-    if finds.family is not None:
-        data = {"families": finds.families, "posture": in_degrees(finds.family)}
+    if len(finds.families):
+        data = {"families": len(finds.families), "posture": in_degrees(finds.families[0])}
         data["arrivals"] = outcome.arrived
         notes.append(Note("singular_families_unlisted", data))
     if isinstance(finds, Isolated):

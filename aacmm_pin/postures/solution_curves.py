@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -39,44 +39,41 @@ class Curve:
     problem: int
 
 
-@dataclass(eq=False)
 class CurveSearch:
     """The curves of one problem so far.
 
     Attributes:
         equations: of all problems.
         problem: number of this problem.
-        steps: remaining steps along curves.
+        families: singular solutions (f, k + 1) on no curve, of families with more dimensions.
+        ended: the limit of work is reached.
     """
 
-    equations: Equations
-    problem: int
-    steps: int = field(default_factory=lambda: MOST_STEPS)
-
-    def __post_init__(self) -> None:
-        joints = len(self.equations.links) - 1
+    def __init__(self, equations: Equations, problem: int = 0) -> None:
+        self.equations = equations
+        self.problem = problem
+        joints = len(equations.links) - 1
+        self.families = np.empty((0, joints))
+        self.ended = False
+        self._steps = MOST_STEPS
         self._count = 0
-        self._vertices = np.empty((self.steps + MOST_CURVES + 1, joints))
+        self._vertices = np.empty((MOST_STEPS + MOST_CURVES + 1, joints))
         self._ends = np.zeros(MOST_CURVES, dtype=np.intp)
         self._closed = np.zeros(MOST_CURVES, dtype=np.bool_)
 
-    def add(self, seeds: Array, is_regular: Mask) -> Index:
-        """Follow every curve through solutions ``seeds`` (n, k + 1) [rad] once; those
-        ``is_regular`` (n,) may begin one.
-
-        Returns:
-            number of the curve of each seed (n,), or a constant of :mod:`~.continuation`.
-        """
+    def add(self, seeds: Array) -> None:
+        """Follow every curve through solutions ``seeds`` (n, k + 1) [rad] once."""
         equations = self.equations
+        regular = _regular(equations, seeds, self.problem)
         number = np.empty(len(seeds), dtype=np.intp)
         goal = np.ascontiguousarray(equations.goals[self.problem])
         follow_curves = continuation.CURVES.compiled
-        self._count, self.steps = follow_curves(
+        self._count, self._steps = follow_curves(
             equations.links,
             goal,
             np.ascontiguousarray(seeds),
-            is_regular,
-            self.steps,
+            regular,
+            self._steps,
             self._count,
             self._vertices,
             self._ends,
@@ -84,7 +81,12 @@ class CurveSearch:
             number,
             continuation.working_space(seeds.shape[1]),
         )
-        return number
+        on_no_curve = number == NO_CURVE  # a crossing is singular, but on a curve
+        self.families = np.vstack([self.families, seeds[on_no_curve & ~regular]])
+        self.ended |= bool((on_no_curve & regular).any())
+
+    def __len__(self) -> int:
+        return self._count
 
     @property
     def curves(self) -> list[Curve]:
@@ -142,12 +144,10 @@ def all_curves(equations: Equations, starts: int) -> Curves:
     seeds_of_problems = np.split(seeds[arrived], first)[1:]
     for number, of_problem in zip(numbers.tolist(), seeds_of_problems, strict=True):
         search = CurveSearch(equations, number)
-        regular = _regular(equations, of_problem, number)
-        on_no_curve = search.add(of_problem, regular) == NO_CURVE
-        singular = of_problem[on_no_curve & ~regular]  # a crossing is singular, but on a curve
-        if len(singular):
-            families[number] = singular[0]
-        if (on_no_curve & regular).any():
+        search.add(of_problem)
+        if len(search.families):
+            families[number] = search.families[0]
+        if search.ended:
             unfinished.add(number)
         curves += search.curves
     flat = degenerate(equations, spread)
