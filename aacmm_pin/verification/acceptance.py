@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
@@ -162,13 +162,18 @@ def _verdict(errors: Sequence[Error], mpe: float) -> Verdict:
 
 
 def _worst(
-    figures: Sequence[CharacteristicValue],
+    figures: Iterable[CharacteristicValue],
 ) -> tuple[Verdict | None, tuple[CharacteristicValue, ...]]:
-    """The worst verdict, and its characteristics; without value it is neither."""
+    """The worst verdict of those with an MPE, and its characteristics; without value it is
+    neither.
+    """
+    by_verdict: dict[Verdict, list[CharacteristicValue]] = {}
+    for figure in figures:
+        if not math.isnan(figure.mpe):
+            by_verdict.setdefault(figure.verdict or "neither", []).append(figure)
     for verdict in WORST_FIRST:
-        having = tuple(figure for figure in figures if (figure.verdict or "neither") == verdict)
-        if having:
-            return verdict, having
+        if verdict in by_verdict:
+            return verdict, tuple(by_verdict[verdict])
     return None, ()
 
 
@@ -202,7 +207,7 @@ class AcceptanceResult(Shown):
     @property
     def verdict(self) -> Verdict | None:
         """Worst verdict of all coordinates; None without MPE."""
-        return _worst([figure for figure in self.figures if not math.isnan(figure.mpe)])[0]
+        return _worst(self.figures)[0]
 
     @property
     def overall(self) -> dict[str, tuple[Verdict | None, tuple[CharacteristicValue, ...]]]:
@@ -212,33 +217,29 @@ class AcceptanceResult(Shown):
         is ``neither`` (inconclusive).
         """
         sources = dict.fromkeys(figure.source for figure in self.figures)
-        return {source: _worst(self._with_mpe(source)) for source in sources}
-
-    def _with_mpe(self, source: str) -> list[CharacteristicValue]:
-        of_source = (figure for figure in self.figures if figure.source == source)
-        return [figure for figure in of_source if not math.isnan(figure.mpe)]
+        return {
+            source: _worst(figure for figure in self.figures if figure.source == source)
+            for source in sources
+        }
 
     def __str__(self) -> str:
-        texts = {
-            source: self._in_words(source, verdict, decisive)
-            for source, (verdict, decisive) in self.overall.items()
-        }
+        texts = {}
+        for source, (verdict, decisive) in self.overall.items():
+            limits = [figure.mpe for figure in self.figures if figure.source == source]
+            stated = sum(not math.isnan(mpe) for mpe in limits)
+            names = [
+                figure.definition.name + (" without a value" if figure.verdict is None else "")
+                for figure in decisive
+            ]
+            texts[source] = (
+                f"{shown_verdict(verdict)}, decided by {', '.join(names)}. An MPE exists for "
+                f"{stated} of {len(limits)} characteristics"
+                if names
+                else "not determined; state an MPE"
+            )
         if len(texts) > 1:
             return "; ".join(f"{source}: {text}" for source, text in texts.items())
         return f"The verdict is {''.join(texts.values())}"
-
-    def _in_words(
-        self, source: str, verdict: Verdict | None, decisive: Sequence[CharacteristicValue]
-    ) -> str:
-        total = sum(figure.source == source for figure in self.figures)
-        given = f"An MPE exists for {len(self._with_mpe(source))} of {total} characteristics"
-        if not decisive:
-            return "not determined; state an MPE"
-        names = [
-            figure.definition.name + (" without a value" if figure.verdict is None else "")
-            for figure in decisive
-        ]
-        return f"{shown_verdict(verdict)}, decided by {', '.join(names)}. {given}"
 
     def to_frame(self) -> pd.DataFrame:
         """Return a table of characteristics, lengths in mm; NaN if missing."""
@@ -362,22 +363,20 @@ def _notes(
     figures: Sequence[CharacteristicValue], measuring_range: float | None
 ) -> tuple[Note, ...]:
     with_verdict = [figure for figure in figures if figure.verdict is not None]
-    no_u = [f for f in with_verdict if not f.stated]
-    u_of_some = [f for f in with_verdict if f.stated and f.stated < len(f.evaluated.errors)]
-    by_code: dict[str, list[CharacteristicValue]] = {"guard_band_zero": [], "no_guard_band": []}
-    for figure in no_u:
-        is_uncalibrated = figure.definition.name.startswith(UNCALIBRATED)
-        by_code["no_guard_band" if is_uncalibrated else "guard_band_zero"].append(figure)
-    by_code["some_guard_bands_zero"] = u_of_some
-    notes = []
-    for code, of_code in by_code.items():
-        names = [*dict.fromkeys(figure.definition.name for figure in of_code)]
-        if names:
-            notes.append(Note(code, {"figures": names}))
-    far_below = [
-        f for f in with_verdict if f.mpe > max(FAR_BELOW * abs(f.evaluated.largest.value), MM)
-    ]
-    for name, mpe in {f.definition.name: f.mpe for f in far_below}.items():
+    names_by_code: dict[str, dict[str, None]] = {
+        code: {} for code in ("guard_band_zero", "no_guard_band", "some_guard_bands_zero")
+    }
+    large: dict[str, float] = {}
+    for figure in with_verdict:
+        name = figure.definition.name
+        if figure.mpe > max(FAR_BELOW * abs(figure.evaluated.largest.value), MM):
+            large[name] = figure.mpe
+        if figure.stated == len(figure.evaluated.errors):
+            continue
+        code = "no_guard_band" if name.startswith(UNCALIBRATED) else "guard_band_zero"
+        names_by_code["some_guard_bands_zero" if figure.stated else code][name] = None
+    notes = [Note(code, {"figures": [*names]}) for code, names in names_by_code.items() if names]
+    for name, mpe in large.items():
         notes.append(Note("mpe_large", {"figure": name, "mpe": mpe, "times": FAR_BELOW}))
     for figure in with_verdict:
         if figure.decided_by is not None:

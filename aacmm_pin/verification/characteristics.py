@@ -8,26 +8,31 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import partial
+from itertools import chain
 from typing import Literal
 
+import numpy as np
 import pandas as pd
 
 from aacmm_pin._support.notes import Note
-from aacmm_pin.errors import UnknownNameError
+from aacmm_pin.errors import AacmmError, UnknownNameError
 from aacmm_pin.verification.evaluators import (
+    LENGTH_KEY,
     Error,
     Evaluated,
-    Evaluator,
     Needed,
     deviation_of_part,
     distances_from_mean,
     errors_of_lengths,
     form_of_sphere,
+    groups_of,
+    measured_lengths,
     size_of_sphere,
     spread_of_centres,
     standard_deviation,
     twice_rms_of_lengths,
 )
+from aacmm_pin.verification.places import PointsInFile, named
 
 ISO = "ISO 10360-12"
 ASME = "ASME B89.4.22"
@@ -48,8 +53,12 @@ class Definition:
         standard: without edition, see :data:`EDITIONS`.
         test_name: in the standard.
         test: in acceptance files.
-        evaluate: function of the test's points.
-        counted: ``probed point`` or ``length``.
+        errors: of a group of points: none without points, nan on a small cap of a sphere; or of the
+            lengths between points.
+        needed: points or lengths; the one that lacks most counts. Errors are of the outermost
+            groups of points, or of all lengths.
+        both_sides: of lengths: probed from opposite sides, which adds the probe diameter; None for
+            points.
         column: without cells in it, the characteristic is omitted.
     """
 
@@ -57,14 +66,49 @@ class Definition:
     standard: str
     test_name: str
     test: str
-    evaluate: Callable[[pd.DataFrame], Evaluated]
-    counted: str = "probed point"
+    errors: Callable[[pd.DataFrame], Iterable[Error]]
+    needed: tuple[Needed, ...]
+    both_sides: bool | None = None
     column: str = "test"
+
+    @property
+    def counted(self) -> str:
+        """What the test needs a number of."""
+        return "probed point" if self.both_sides is None else "length"
 
     @property
     def text(self) -> str:
         """In words."""
         return str(Note(self.name))
+
+    def evaluate(self, points: pd.DataFrame) -> Evaluated:
+        """Evaluate the points of the test."""
+        table = points
+        one_ended: list[PointsInFile] = []
+        if self.both_sides is not None:
+            table = measured_lengths(points, self.both_sides)
+            lengths = map(PointsInFile.of, groups_of(points, LENGTH_KEY))
+            one_ended = [length for length in lengths if "feature" in length.labels]
+        errors: list[list[Error]] = []
+        missing = max(needed.missing(table) for needed in self.needed)
+        if not missing:
+            outermost, _ = self.needed[0].levels[0]
+            groups = groups_of(table, outermost) if self.both_sides is None else [table]
+            errors = [[*self.errors(group)] for group in groups]
+            missing = errors.count([])
+        if missing:
+            lacking = [named(length.labels) for length in one_ended]
+            lacking = lacking or [*self.needed[0].begun(table)]
+            return Evaluated(len(table), missing, lacking=tuple(lacking))
+        if one_ended:  # the other end might not conform
+            raise AacmmError(
+                f"{one_ended[0]}: only one end has points; expected points of both ends with the "
+                "same labels"
+            )
+        all_errors = tuple(chain.from_iterable(errors))
+        if any(np.isnan(error.value) for error in all_errors):
+            return Evaluated(len(table), why_incomplete="points all over the sphere")
+        return Evaluated(len(table), errors=all_errors)
 
 
 UNCALIBRATED = ("P_Form", "L_Dia", "SPAT", "SinglePoint")
@@ -79,63 +123,58 @@ TWENTY_PLACES = Needed(((("length_id", "position"), 20),), 1)
 TWO_LENGTHS = Needed(((("length_id",), 2),), 1)
 
 
-def _of_points(errors: Callable[[pd.DataFrame], Iterable[Error]], needed: Needed) -> Evaluator:
-    """Of the outermost groups that are needed."""
-    return Evaluator(errors, (needed,), by=needed.levels[0][0])
-
-
 DEFINITIONS = (
     Definition(
         "P_Form.Sph.1x25", ISO, "probing form error", "sphere",
-        _of_points(form_of_sphere, TWO_SPHERES),
+        form_of_sphere, (TWO_SPHERES,),
     ),
     Definition(
         "P_Size.Sph.1x25", ISO, "probing size error", "sphere",
-        _of_points(size_of_sphere, TWO_SPHERES),
+        size_of_sphere, (TWO_SPHERES,),
     ),
     Definition(
         "L_Dia.5x5", ISO, "articulated location error", "location",
-        _of_points(spread_of_centres, FIVE_REPEATS),
+        spread_of_centres, (FIVE_REPEATS,),
     ),
     Definition(
         "E_Uni", ISO, "unidirectional length measurement error", "length-uni",
-        Evaluator(errors_of_lengths, (FIVE_LENGTHS,), both_sides=False), "length",
+        errors_of_lengths, (FIVE_LENGTHS,), False,
     ),
     Definition(
         "E_Bi", ISO, "bidirectional length measurement error", "length-bi",
-        Evaluator(errors_of_lengths, (FIVE_LENGTHS,), both_sides=True), "length",
+        errors_of_lengths, (FIVE_LENGTHS,), True,
     ),
     Definition(
         "EffectiveDiameter", ASME, "effective diameter performance test", "effective-diameter",
-        _of_points(size_of_sphere, THREE_REPEATS),
+        size_of_sphere, (THREE_REPEATS,),
     ),
     Definition(
         "SPAT.Max", ASME, "single-point articulation performance test", "single-point",
-        _of_points(distances_from_mean, THREE_POINTS),
+        distances_from_mean, (THREE_POINTS,),
     ),
     Definition(
         "SPAT.2s", ASME, "single-point articulation performance test", "single-point",
-        _of_points(partial(standard_deviation, times=2), THREE_POINTS),
+        partial(standard_deviation, times=2), (THREE_POINTS,),
     ),
     Definition(
         "Volumetric.Max", ASME, "volumetric performance test", "volumetric",
-        Evaluator(errors_of_lengths, (TWENTY_PLACES, TWO_LENGTHS), both_sides=False), "length",
+        errors_of_lengths, (TWENTY_PLACES, TWO_LENGTHS), False,
     ),
     Definition(
         "Volumetric.2RMS", ASME, "volumetric performance test", "volumetric",
-        Evaluator(twice_rms_of_lengths, (TWENTY_PLACES, TWO_LENGTHS), both_sides=False), "length",
+        twice_rms_of_lengths, (TWENTY_PLACES, TWO_LENGTHS), False,
     ),
     Definition(
         "SinglePoint.Sigma", PAPER, "single point (equations 16 and 17)", "single-point",
-        _of_points(standard_deviation, THREE_POINTS),
+        standard_deviation, (THREE_POINTS,),
     ),
     Definition(
         "SinglePoint.Part", PAPER, "single point (equations 18 and 19)", "single-point",
-        _of_points(partial(deviation_of_part, accurate=True), THREE_POINTS), column="part",
+        partial(deviation_of_part, accurate=True), (THREE_POINTS,), column="part",
     ),
     Definition(
         "SinglePoint.Rest", PAPER, "single point (equations 18 and 19)", "single-point",
-        _of_points(partial(deviation_of_part, accurate=False), THREE_POINTS), column="part",
+        partial(deviation_of_part, accurate=False), (THREE_POINTS,), column="part",
     ),
 )  # fmt: skip
 

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
@@ -76,13 +75,10 @@ class Needed(NamedTuple):
         if not self.levels:
             return max(self.each - len(table), 0)
         (labels, count), *inner_levels = self.levels
-        needed_in_group = Needed(tuple(inner_levels), self.each)
         groups = groups_of(table, labels)
-        missing = sum(map(needed_in_group.missing, groups))
-        if len(groups) < count:
-            empty = table.iloc[:0]
-            missing += (count - len(groups)) * needed_in_group.missing(empty)
-        return missing
+        absent = [table.iloc[:0]] * (count - len(groups))
+        needed_in_group = Needed(tuple(inner_levels), self.each)
+        return sum(map(needed_in_group.missing, [*groups, *absent]))
 
     def begun(self, table: pd.DataFrame) -> Iterator[str]:
         """Incomplete innermost groups."""
@@ -93,52 +89,6 @@ class Needed(NamedTuple):
                     name: str(label) for name, label in zip(labels, key, strict=True) if label
                 }
                 yield named(stated)
-
-
-@dataclass(frozen=True)
-class Evaluator:
-    """The errors of groups of probed points, or of the lengths between them.
-
-    Attributes:
-        errors: of a group: none without points, nan on a small cap of a sphere.
-        needed: points or lengths; the one that lacks most counts.
-        by: labels of groups; all are one group without.
-        both_sides: of lengths: probed from opposite sides, which adds the probe diameter; None for
-            points.
-    """
-
-    errors: Callable[[pd.DataFrame], Iterable[Error]]
-    needed: tuple[Needed, ...]
-    by: tuple[str, ...] = ()
-    both_sides: bool | None = None
-
-    def __call__(self, points: pd.DataFrame) -> Evaluated:
-        """Evaluate the points of a test."""
-        table = points
-        one_ended: list[PointsInFile] = []
-        if self.both_sides is not None:
-            table = measured_lengths(points, self.both_sides)
-            lengths = map(PointsInFile.of, groups_of(points, LENGTH_KEY))
-            one_ended = [length for length in lengths if "feature" in length.labels]
-        errors: list[list[Error]] = []
-        missing = max(needed.missing(table) for needed in self.needed)
-        if not missing:
-            groups = groups_of(table, self.by) if self.by else [table]
-            errors = [[*self.errors(group)] for group in groups]
-            missing = errors.count([])
-        if missing:
-            lacking = [named(length.labels) for length in one_ended]
-            lacking = lacking or [*self.needed[0].begun(table)]
-            return Evaluated(len(table), missing, lacking=tuple(lacking))
-        if one_ended:  # the other end might not conform
-            raise AacmmError(
-                f"{one_ended[0]}: only one end has points; expected points of both ends with the "
-                "same labels"
-            )
-        all_errors = tuple(chain.from_iterable(errors))
-        if any(np.isnan(error.value) for error in all_errors):
-            return Evaluated(len(table), why_incomplete="points all over the sphere")
-        return Evaluated(len(table), errors=all_errors)
 
 
 # --- of points
