@@ -13,7 +13,6 @@ from aacmm_pin._support.checks import Array
 from aacmm_pin._support.display import Shown
 from aacmm_pin.calibration import Fit, geometric_parameters, rms, rms_residual
 from aacmm_pin.diagnosis.choice import Choice
-from aacmm_pin.diagnosis.gram_matrix import numbers_of
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
 from aacmm_pin.diagnosis.unexplained import DiscrepancySize, SharedError
 
@@ -159,8 +158,8 @@ def _relative_u(choice: Choice, blocks: Sequence[int]) -> float:
     """
     model = choice.posterior.median_model
     causes_alone = choice.posterior.causes_alone
-    entries_alone = numbers_of([causes_alone.entries[k] for k in blocks])
-    entries = numbers_of([model.entries[k] for k in blocks])
+    entries_alone = np.r_[tuple(causes_alone.entries[k] for k in blocks)]
+    entries = np.r_[tuple(model.entries[k] for k in blocks)]
     estimate = model.estimate[entries]
     gradient = causes_alone.information[np.ix_(entries_alone, entries_alone)] @ estimate
     variance = float(gradient @ model.covariance[np.ix_(entries, entries)] @ gradient)

@@ -14,7 +14,7 @@ from aacmm_pin.calibration import Fit, HeldEffects
 from aacmm_pin.diagnosis.candidates import Variants
 from aacmm_pin.diagnosis.covariates import Carried, Covariate
 from aacmm_pin.diagnosis.design_matrix import Design, held_effects, typical_of
-from aacmm_pin.diagnosis.gram_matrix import Gram, gram_of, numbers_of
+from aacmm_pin.diagnosis.gram_matrix import Gram, gram_of
 from aacmm_pin.diagnosis.linear_model import Conditional
 from aacmm_pin.diagnosis.model_space import Blocks, Candidates
 from aacmm_pin.diagnosis.posterior import Posterior
@@ -205,7 +205,7 @@ class Choice:
         """
         model = self.posterior.median_model
         block_of = {self.variant(k).label: k for k in self.causes}
-        entries = numbers_of([model.entries[block_of[effect.label]] for effect in effects])
+        entries = np.r_[tuple(model.entries[block_of[effect.label]] for effect in effects)]
         scales = np.concatenate([*map(typical_of, effects)])
         covariance = model.covariance[np.ix_(entries, entries)] * np.outer(scales, scales)
         u = iter(np.sqrt(np.diag(covariance)))

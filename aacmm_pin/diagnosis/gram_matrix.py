@@ -15,7 +15,7 @@ from functools import cached_property
 import numpy as np
 from scipy.linalg.blas import dsyrk
 
-from aacmm_pin._support.checks import Array, Index, Mask
+from aacmm_pin._support.checks import Array, Mask
 from aacmm_pin.calibration import SeatElimination
 from aacmm_pin.diagnosis.design_matrix import Design, Family
 from aacmm_pin.diagnosis.record_noise import RecordNoise
@@ -27,19 +27,6 @@ ROWS_OF_A_GROUP = 1500
 """Rows of the records whose columns are worked out at once."""
 LEAST_TRACE = 1e-12
 """Least trace of a block of columns, by which zeros can be divided."""
-
-
-@dataclass(frozen=True, eq=False)
-class Directions:
-    """All covariates together in few directions.
-
-    Attributes:
-        columns: of the covariates, c of them.
-        weights: of these columns in each direction (c, r).
-    """
-
-    columns: slice
-    weights: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,18 +60,17 @@ class Gram:
         return family.information(self.matrix), gradient
 
     @property
-    def directions(self) -> Directions:
-        """Directions of the background."""
+    def directions(self) -> Array:
+        """Directions of the background: all covariates together in few (columns, r)."""
         return (self.origin or self)._largest_directions
 
     @cached_property
     def along_directions(self) -> Array:
         """Products of the directions with all columns and the residual (r, columns + 1)."""
-        directions = self.directions
-        return np.asarray(directions.weights.T @ self.matrix[directions.columns, :])
+        return np.asarray(self.directions.T @ self.matrix[:-1])
 
     @cached_property
-    def _largest_directions(self) -> Directions:
+    def _largest_directions(self) -> Array:
         """Each covariate block counts with the same mean square, all together with that of the
         noise; but no parameter is larger than the largest width, or an arm that shrinks to a point
         would meet every unknown seat. The directions span about the largest right singular vectors:
@@ -110,7 +96,7 @@ class Gram:
         products = self.matrix[of_covariates, of_covariates]
         in_range = scale * (products @ (scale * np.concatenate(starts)))
         orthonormal, _ = np.linalg.qr(in_range)
-        return Directions(of_covariates, scale * orthonormal)
+        return np.concatenate([np.zeros((first, rank)), scale * orthonormal])
 
     def without(self, part: Gram) -> Gram:
         """The products of the other records than those of ``part``, whose memory they take, with
@@ -118,12 +104,6 @@ class Gram:
         """
         matrix = np.subtract(self.matrix, part.matrix, out=part.matrix)
         return replace(self, matrix=matrix, free=self.free - part.free, origin=self.origin or self)
-
-
-def numbers_of(columns: list[slice]) -> Index:
-    """Numbers of the columns (m,)."""
-    numbers = [np.arange(some.start, some.stop) for some in columns]
-    return np.concatenate([np.empty(0, np.intp), *numbers])
 
 
 def gram_of(design: Design, noise: RecordNoise, folds: Sequence[Mask] | None = None) -> Gram:

@@ -22,7 +22,7 @@ from scipy.special import gammaln, log_ndtr
 from aacmm_pin._support.checks import Array, Index, Mask
 from aacmm_pin.calibration import inverse_of_factor, lower_factor, solve_lower
 from aacmm_pin.diagnosis.design_matrix import Design, Family
-from aacmm_pin.diagnosis.gram_matrix import Gram, numbers_of
+from aacmm_pin.diagnosis.gram_matrix import Gram
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
 
 UNKNOWN = 1e-9
@@ -212,10 +212,9 @@ class Base:
         rows = self.gram.matrix[:first]
         products = rows[:, :first]
         if self.amplitude:
-            directions = self.gram.directions
             of_background = self.gram.along_directions
             with_nuisances = of_background[:, :first]
-            inside = of_background[:, directions.columns] @ directions.weights
+            inside = of_background[:, :-1] @ self.gram.directions
             products = np.block([[products, with_nuisances.T], [with_nuisances, inside]])
             rows = np.concatenate([rows, of_background])
         # A frame without a prior is many metres wide: the rounding of its products may be more than
@@ -397,7 +396,7 @@ class Conditional:
         """
         return self.before.log_above_zero + sum(map(self._log_above_zero, self.blocks))
 
-    @property
+    @cached_property
     def evidence(self) -> Evidence:
         """Log marginal likelihood with its parts."""
         return Evidence(self.likelihood, self.left.chi2, self.log_volume, self.log_above_zero)
@@ -412,10 +411,7 @@ class Conditional:
         if not self.design.blocks[block].positive:
             return 0.0
         entry = self.entries[block].start
-        unit = np.zeros(len(self.scale))
-        unit[entry] = 1.0
-        whitened_unit = scipy.linalg.solve_triangular(self.left.factor, unit, lower=True)
-        deviation = np.sqrt(self.variance * (whitened_unit @ whitened_unit))
+        deviation = np.sqrt(self.variance * self.inverse[entry, entry])
         return float(log_above_zero(self.estimate[entry] / deviation))
 
     @property
@@ -434,7 +430,7 @@ class Conditional:
         """Where some members are among the set's parameters (q,), and their precision beside the
         others (q, q): ``((A⁻¹)_kk)⁻¹`` of the precision A of all.
         """
-        entries = numbers_of([self.entries[k] for k in members])
+        entries = np.r_[tuple(self.entries[k] for k in members)]
         precision = np.linalg.inv(self.inverse[np.ix_(entries, entries)])
         return entries, np.asarray(precision, np.float64)
 
@@ -496,8 +492,7 @@ class Conditional:
         first = self.base.nuisances
         coefficients[:first] = base_estimate[:first]
         if self.base.amplitude:
-            directions = self.base.gram.directions
-            coefficients[directions.columns] += directions.weights @ base_estimate[first:]
+            coefficients += self.base.gram.directions @ base_estimate[first:]
         return coefficients
 
     @cached_property

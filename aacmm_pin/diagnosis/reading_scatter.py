@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -76,29 +77,35 @@ class ReadingScatter:
         enlarged_deviations = finite_deviations / np.sqrt(share_left)
         # Stated noise may be nothing at all, and nothing is stated of some records' rotations.
         stated = fit.noise.without_scatter + LEAST_SCATTER**2 * np.eye(width)
-        components = _Components(stated[used], squares[:, used], enlarged_deviations[used])
+        unshared_residuals = noise.independent(enlarged_deviations)[used]
         start_of_tips = np.square(fit.noise.scatters)[:first_reading]
         start_of_tips = np.maximum(start_of_tips, LEAST_VARIANCE)
         squared_lever = np.square(by_reading[used, :3]).sum(axis=1).mean(axis=0)
         lever_at_least = np.maximum(squared_lever, LEAST_TIP_LEVER**2)
         start_of_readings = FIRST_SHARE * start_of_tips[0] / lever_at_least
-        unshared = replace(components, residuals=noise.independent(enlarged_deviations)[used])
-        start = np.concatenate([start_of_tips, start_of_readings])
-        log_ratios = unshared.sure_ratios(start, first_reading)
-        start_of_sure_readings = np.where(log_ratios > 0.0, start_of_readings, 0.0)
-        start_of_sure = np.concatenate([start_of_tips, start_of_sure_readings])
-        variances = components.best(start_of_sure)
-        readings = np.sqrt(variances[first_reading:])
+
+        def log_likelihood(start: Array, components: Array) -> float:
+            return _likeliest(stated[used], components, unshared_residuals, start)[1]
+
+        def log_with(start_of_readings: Array) -> float:
+            start = np.concatenate([start_of_tips, start_of_readings])
+            return log_likelihood(start, squares[:, used])
+
+        log_ratios = _sure_ratios(log_with, start_of_readings)
         larger = log_ratios > 0.0
+        start_of_sure = np.concatenate([start_of_tips, np.where(larger, start_of_readings, 0.0)])
+        variances, _ = _likeliest(
+            stated[used], squares[:, used], enlarged_deviations[used], start_of_sure
+        )
+        readings = np.sqrt(variances[first_reading:])
         if fit.problem.setup.encoder_noise is None and larger.any():
             units = reading_units(fit)
             squares_of_all = np.tensordot(np.square(units), squares[first_reading:, used], 1)
-            squares_of_tips = components.squares[:first_reading]
-            squares_alike = np.append(squares_of_tips, squares_of_all[None], axis=0)
-            joints_alike = replace(unshared, squares=squares_alike)
+            squares_alike = np.append(squares[:first_reading, used], squares_of_all[None], axis=0)
             relative_scatter = readings / units
             start_alike = np.append(start_of_tips, np.square(relative_scatter).mean())
-            gain = unshared.largest(start_of_sure) - joints_alike.largest(start_alike)
+            gain = log_likelihood(start_of_sure, squares[:, used])
+            gain -= log_likelihood(start_alike, squares_alike)
             larger = (relative_scatter > rms(relative_scatter)) & (gain > THRESHOLDS.readings)
         covariances = stated + np.tensordot(variances, squares, 1)
         size = fit.expected_rms(covariances)
@@ -121,69 +128,52 @@ class ReadingScatter:
         return self.observations.along_normals(whitening)
 
 
-@dataclass(frozen=True, eq=False)
-class _Components:
-    """``C = N + Σ v_c F_c F_cᵀ`` for the ``residuals`` (n, k): N (n, k, k) is ``stated``, the
-    ``squares`` are F_c F_cᵀ (c, n, k, k).
+def _likeliest(
+    stated: Array, squares: Array, residuals: Array, start: Array
+) -> tuple[Array, float]:
+    """The likeliest variances v of components of residuals (n, k), and the log likelihood but for a
+    constant; variances that start at zero stay zero.
+
+    Args:
+        stated, squares: N (n, k, k) and F_c F_cᵀ (c, n, k, k) of the covariances ``N + Σ v_c F_c
+            F_cᵀ``.
+        start: first variance of each component (c,).
     """
-
-    stated: Array
-    squares: Array
-    residuals: Array
-
-    def covariances(self, variances: Array) -> Array:
-        """``C`` of each residual (n, k, k), by the variance of each component (c,)."""
-        scatter = np.tensordot(variances, self.squares, 1)
-        return self.stated + scatter
-
-    def best(self, variances: Array) -> Array:
-        """The likeliest variances; those that are zero stay zero."""
-        acting = np.flatnonzero(variances)
-        squares_of_each = self.squares[acting].reshape(len(acting), -1)
-        likeliest = variances.copy()
-        for _ in range(STEPS):
-            inverse = np.linalg.inv(self.covariances(likeliest))
-            weighed = inverse @ self.residuals[:, :, None]
-            weighed_products = weighed @ weighed.transpose(0, 2, 1)
-            # Both are sums of squares; below zero they are rounded zeros.
-            observed = np.maximum(squares_of_each @ weighed_products.ravel(), 0.0)
-            expected = squares_of_each @ inverse.ravel()
-            likeliest[acting] *= np.sqrt(observed / np.maximum(expected, LEAST_VARIANCE))
-        return likeliest
-
-    def largest(self, start: Array) -> float:
-        """Log likelihood of the best variances."""
-        return self.log_likelihood(self.best(start))
-
-    def sure_ratios(self, start: Array, first: int) -> Array:
-        """Log likelihood with each variance from number ``first`` on over that without; 0 below the
-        threshold. The least sure is taken out until all are sure.
-        """
-        ratios = np.zeros(start.size)
-        acting = [*range(first, start.size)]
-        with_all = self.largest(start)
-        if with_all - self.largest(_without(start, acting)) < THRESHOLDS.readings:
-            return ratios[first:]
-        while acting:
-            ratios_of_acting = [with_all - self.largest(_without(start, [k])) for k in acting]
-            least_sure = int(np.argmin(ratios_of_acting))
-            if ratios_of_acting[least_sure] >= THRESHOLDS.readings:
-                ratios[acting] = ratios_of_acting
-                break
-            start = _without(start, [acting.pop(least_sure)])
-            with_all = self.largest(start)
-        return ratios[first:]
-
-    def log_likelihood(self, variances: Array) -> float:
-        """Of the residuals, but for a constant."""
-        covariances = self.covariances(variances)
-        residuals = self.residuals[:, :, None]
-        squares = np.sum(residuals * np.linalg.solve(covariances, residuals))
-        return float(-0.5 * (np.linalg.slogdet(covariances)[1].sum() + squares))
+    acting = np.flatnonzero(start)
+    squares = squares[acting]
+    squares_of_each = squares.reshape(len(acting), -1)
+    variances = start.copy()
+    residuals = residuals[:, :, None]
+    for _ in range(STEPS):
+        inverse = np.linalg.inv(stated + np.tensordot(variances[acting], squares, 1))
+        weighed = inverse @ residuals
+        weighed_products = weighed @ weighed.transpose(0, 2, 1)
+        # Both are sums of squares; below zero they are rounded zeros.
+        observed = np.maximum(squares_of_each @ weighed_products.ravel(), 0.0)
+        expected = squares_of_each @ inverse.ravel()
+        variances[acting] *= np.sqrt(observed / np.maximum(expected, LEAST_VARIANCE))
+    covariances = stated + np.tensordot(variances[acting], squares, 1)
+    chi2 = np.sum(residuals * np.linalg.solve(covariances, residuals))
+    return variances, float(-0.5 * (np.linalg.slogdet(covariances)[1].sum() + chi2))
 
 
-def _without(variances: Array, numbers: list[int]) -> Array:
-    """The variances, zero at these numbers."""
-    variances = variances.copy()
-    variances[numbers] = 0.0
-    return variances
+def _sure_ratios(log_with: Callable[[Array], float], start: Array) -> Array:
+    """Log likelihood with each variance over that without, by that with some first variances (c,);
+    0 below the threshold. The least sure is taken out until all are sure.
+    """
+    ratios = np.zeros(start.size)
+    with_all = log_with(start)
+    if with_all - log_with(np.zeros(start.size)) < THRESHOLDS.readings:
+        return ratios
+    acting = [*range(start.size)]
+    while acting:
+        without_each = [np.where(np.arange(start.size) == k, 0.0, start) for k in acting]
+        ratios_of_acting = [with_all - log_with(without) for without in without_each]
+        least_sure = int(np.argmin(ratios_of_acting))
+        if ratios_of_acting[least_sure] >= THRESHOLDS.readings:
+            ratios[acting] = ratios_of_acting
+            break
+        del acting[least_sure]
+        start = without_each[least_sure]
+        with_all = log_with(start)
+    return ratios

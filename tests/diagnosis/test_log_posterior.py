@@ -228,7 +228,6 @@ def dense_of(space: ModelSpace) -> Dense:
     """The same rows, explicit."""
     design = space.candidates.design
     rows = rows_of(space)
-    directions = space.gram.directions
     own = [
         rows[:, block.columns]
         @ (np.eye(block.size) if block.combinations is None else block.combinations)
@@ -240,7 +239,7 @@ def dense_of(space: ModelSpace) -> Dense:
         rows[:, -1],
         space.candidates.log_odds,
         space.stated,
-        rows[:, directions.columns] @ directions.weights,
+        rows[:, :-1] @ space.gram.directions,
         design.prior,
         positive=frozenset(k for k, block in enumerate(design.blocks) if block.positive),
     )
