@@ -11,15 +11,18 @@ from aacmm_pin.diagnosis.candidates import not_tried
 from aacmm_pin.diagnosis.choice import Choice
 from aacmm_pin.diagnosis.diagnose import diagnose
 from aacmm_pin.diagnosis.diagnose_files import diagnose_files
-from aacmm_pin.diagnosis.findings import estimated
 from aacmm_pin.diagnosis.held_out_gain import Gain
 from aacmm_pin.diagnosis.measurement_check import Check, check_measurements
-from aacmm_pin.diagnosis.odd_groups import OddGroup
-from aacmm_pin.diagnosis.result import Diagnosis, Finding, Place, too_good
-from aacmm_pin.diagnosis.run_order import RunOrder
+from aacmm_pin.diagnosis.result import Diagnosis, Finding, Place, estimated, too_good
 from aacmm_pin.diagnosis.significance import Alias
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
-from aacmm_pin.diagnosis.unexplained import ScatteredReadings, SharedError, Unexplained
+from aacmm_pin.diagnosis.unexplained import (
+    OddGroup,
+    RunOrder,
+    ScatteredReadings,
+    SharedError,
+    Unexplained,
+)
 
 __all__ = [
     "GEOMETRY",

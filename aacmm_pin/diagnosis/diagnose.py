@@ -36,11 +36,9 @@ from aacmm_pin.calibration.setup import checked_input
 from aacmm_pin.diagnosis.budget import budget_of
 from aacmm_pin.diagnosis.candidates import candidates, known_causes
 from aacmm_pin.diagnosis.covariates import covariates
-from aacmm_pin.diagnosis.discrepancy import described_model
-from aacmm_pin.diagnosis.findings import findings_of
 from aacmm_pin.diagnosis.held_out_gain import Gain, gain_of, held_out_distances
-from aacmm_pin.diagnosis.model_extension import ProblemOf, choose, free
-from aacmm_pin.diagnosis.result import Diagnosis, Finding
+from aacmm_pin.diagnosis.model_extension import ProblemOf, choose, described_model, free
+from aacmm_pin.diagnosis.result import Diagnosis, Finding, findings_of
 from aacmm_pin.diagnosis.significance import visible
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
 from aacmm_pin.diagnosis.unexplained import Unexplained, unexplained_by

@@ -4,7 +4,8 @@ until the set stands.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import itertools
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -14,14 +15,14 @@ from aacmm_pin._support.checks import Array, Index, Mask
 from aacmm_pin._support.distributions import chi2_isf
 from aacmm_pin._support.progress import bar
 from aacmm_pin.arm import COVERAGE_FACTOR
-from aacmm_pin.calibration import Fit, Problem, rms
+from aacmm_pin.calibration import Fit, Problem, calibrated_model, rms
 from aacmm_pin.calibration.estimation import fit
 from aacmm_pin.calibration.shared_exclusions import clusters
 from aacmm_pin.calibration.variance_components import FALSE_EXCLUSION, squared_distances
 from aacmm_pin.diagnosis.candidates import Variants, is_change
 from aacmm_pin.diagnosis.choice import Choice, noise_is_known
 from aacmm_pin.diagnosis.covariates import Covariate
-from aacmm_pin.diagnosis.design_matrix import design_of
+from aacmm_pin.diagnosis.design_matrix import design_of, held_effects
 from aacmm_pin.diagnosis.gram_matrix import gram_of
 from aacmm_pin.diagnosis.model_space import Blocks, Candidates, ModelSpace
 from aacmm_pin.diagnosis.nonlinear_parameters import (
@@ -35,7 +36,7 @@ from aacmm_pin.diagnosis.reading_scatter import ReadingScatter
 from aacmm_pin.diagnosis.record_noise import RecordNoise
 from aacmm_pin.diagnosis.search import climb, explore
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
-from aacmm_pin.effects import Effect
+from aacmm_pin.effects import Carrier, Discrepancy, Effect, ErrorModel
 
 MOST_EXPLORATIONS = 10
 """The scatter that is left shrinks from refit to refit and lets weaker causes be seen; it settles
@@ -406,3 +407,43 @@ def _with_variant(variants: Variants, refined: Effect) -> Variants:
         default=len(variants),
     )
     return (*variants[:nearest], refined, *variants[nearest + 1 :])
+
+
+def described_model(
+    nominal: ErrorModel, choice: Choice, problem_of: ProblemOf
+) -> tuple[ErrorModel, Fit]:
+    """The extended arm, and its refit with the covariates of the discrepancy as effects. Their
+    labels are none of the nominal arm.
+    """
+    causes = choice.with_values(choice.effects)
+    estimated = [effect for effect in causes if not effect.free_form]
+    labels_taken = {effect.label for effect in nominal.effects}
+    for block in choice.covariates:
+        if choice.way(block).smooth is not None:
+            effect = _effect_of(choice, block, labels_taken)
+            labels_taken.add(effect.label)
+            estimated.append(effect)
+    curves = choice.curves
+    held_effects_of_curves = () if curves is None else curves.effects
+    refit = fit(problem_of(estimated, held_effects_of_curves), used=choice.fit.used)
+    if curves is None:
+        return calibrated_model(refit), refit
+    held_curves = held_effects(refit, curves.effects, curves.covariance)
+    refit = replace(refit, added_covariance=held_curves.added_covariance)
+    return calibrated_model(refit, held_curves), refit
+
+
+def _effect_of(choice: Choice, block: int, labels_taken: Collection[str]) -> Discrepancy:
+    """The effect of a covariate with its prior widths as u; a number is added to its name if the
+    label is taken.
+    """
+    model, design, way = choice.posterior.median_model, choice.design, choice.way(block)
+    name, carrier = choice.covariate(block).name, Carrier(way.carrier)
+    # The columns are of functions with root mean square one.
+    prior_widths = model.scale[model.entries[block]] * design.scales[design.blocks[block].columns]
+    u = prior_widths / np.repeat(way.size, len(carrier.quantities))
+    effect = Discrepancy(name, carrier, way.smooth or (), u.size)
+    next_numbers = itertools.count(2)
+    while effect.label in labels_taken:
+        effect = replace(effect, covariate=f"{name} ({next(next_numbers)})")
+    return effect.at(effect.values, u)

@@ -2,26 +2,36 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
+from scipy.special import ndtri
 
+from aacmm_pin._support.checks import Array, Mask
 from aacmm_pin._support.display import Shown, report, two_digits
-from aacmm_pin._support.distributions import chi2_sf
+from aacmm_pin._support.distributions import chi2_sf, f_sf
 from aacmm_pin._support.notes import Note
 from aacmm_pin.calibration import Fit
 from aacmm_pin.calibration.shared_exclusions import Shared, shared_by
 from aacmm_pin.diagnosis.choice import Choice, noise_is_known
 from aacmm_pin.diagnosis.held_out_gain import Gain
-from aacmm_pin.diagnosis.odd_groups import OddGroup, odd_groups
-from aacmm_pin.diagnosis.run_order import RunOrder, run_order_of
 from aacmm_pin.diagnosis.significance import family_wise_p_value, p_value_of_structure
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
+from aacmm_pin.measurements import Measurements
 
 NAMED_QUANTITIES = 2
 """So many quantities that the residuals depend on are named in a sentence, strongest first."""
+
+
+FEWEST_IN_ORDER = 30
+"""With fewer records the limits of chance are too wide to be of use."""
+LEAST_PART_OF_LEVER = 1e-3
+"""A joint says nothing of records that it displaces by less than this part of its largest
+displacement.
+"""
 
 
 @dataclass(frozen=True)
@@ -94,6 +104,55 @@ class SharedError(Shown):
 
     def __str__(self) -> str:
         return str(self.note)
+
+
+@dataclass(frozen=True)
+class RunOrder(Shown):
+    """Records that follow each other in time share an error.
+
+    Attributes:
+        joint: row of the joint whose error they share; None for a displacement of the tip in the
+            room.
+        correlation: lag-1 autocorrelation of the whitened residuals along the displacement by the
+            joint, or along the axes of the room.
+        limit: 95 % limit of the correlation if the records share nothing.
+        p_value: chance of such a correlation at any joint or at the tip if they share nothing.
+        records: how many have a residual along that displacement.
+    """
+
+    joint: int | None
+    correlation: float
+    limit: float
+    p_value: float
+    records: int
+
+    @property
+    def note(self) -> Note:
+        """Note that consecutive records share an error."""
+        data = {"correlation": self.correlation, "limit": self.limit}
+        if self.joint is None:
+            return Note("run_order_of_tip", data)
+        return Note("run_order_of_joint", {"joint": self.joint, **data})
+
+    def __str__(self) -> str:
+        return str(self.note)
+
+
+@dataclass(frozen=True)
+class OddGroup(Shown):
+    """A group whose records are farther off than the others let expect.
+
+    Attributes:
+        name: such as ``bar left``.
+        times: distance of its records from their prediction by the others, over that of the others
+            from one another, in units of the scatter of residuals at the same postures.
+        p_value: chance of that in a good set, for the best of all groups.
+    """
+
+    name: str
+    records: int
+    times: float
+    p_value: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -286,3 +345,122 @@ def _discrepancy_sizes(choice: Choice) -> tuple[DiscrepancySize, ...]:
         probability = choice.posterior.probability(block)
         sizes.append(DiscrepancySize(choice.covariate(block).name, rms, u, probability))
     return tuple(sizes)
+
+
+def run_order_of(choice: Choice) -> RunOrder | None:
+    """The joint, or the tip, with the largest autocorrelation in the order of time, else of the
+    rows; None if it is not significant.
+
+    For independent residuals of n records, the lag-1 autocorrelation has a standard deviation of
+    ``1/√n`` (Bartlett 1946, J. R. Stat. Soc. B 8).
+    """
+    residuals_by_joint = [*signed_residuals(choice).items()]
+    run_orders = []
+    for joint, residuals in residuals_by_joint:
+        finite_residuals = residuals[np.isfinite(residuals).all(axis=1)]
+        if len(finite_residuals) < FEWEST_IN_ORDER:
+            continue
+        centred = finite_residuals - finite_residuals.mean(axis=0)
+        correlation = float((centred[1:] * centred[:-1]).sum() / np.square(centred).sum())
+        numbers = centred.size
+        p_value = float(chi2_sf(numbers * correlation**2, 1)) * len(residuals_by_joint)
+        limit = float(ndtri(0.975) / np.sqrt(numbers))
+        run_orders.append(
+            RunOrder(joint, correlation, limit, min(p_value, 1.0), len(finite_residuals))
+        )
+    significant = [
+        run_order
+        for run_order in run_orders
+        if run_order.correlation > 0.0 and run_order.p_value < THRESHOLDS.left
+    ]
+    return min(significant, key=lambda run_order: run_order.p_value, default=None)
+
+
+def signed_residuals(choice: Choice) -> dict[int | None, Array]:
+    """Whitened residuals of the used records beyond all that was found, in the order of time: of
+    each joint along its displacement (n, 1), nan if it has none; of the tip (n, 3) under None.
+    """
+    fit = choice.design.fit
+    records = fit.problem.measurements
+    order = records.order_in_time
+    order = order[choice.fit.used[order]]
+    residuals = choice.whitened_deviations[order]
+    displacements = choice.noise.whitening[order, :3, :3] @ choice.design.of_angles[order, :3]
+    residuals_by_joint: dict[int | None, Array] = {None: residuals}
+    for number, joint_row in enumerate(fit.problem.model.arm.chain.moving_rows()):
+        levers = np.linalg.norm(displacements[:, :, number], axis=1)
+        is_displaced = levers > LEAST_PART_OF_LEVER * levers.max(initial=0.0)
+        along = np.einsum("ni,ni->n", displacements[:, :, number], residuals)
+        signed = along / np.where(is_displaced, levers, 1.0)
+        residuals_by_joint[int(joint_row)] = np.where(is_displaced, signed, np.nan)[:, None]
+    return residuals_by_joint
+
+
+def odd_groups(choice: Choice) -> list[OddGroup]:
+    """The groups that stand out when all is refitted without them, worst first.
+
+    Chow's test (Econometrica 28, 1960): ``F = ((χ² - χ²₋) / n) / (χ²₋ / ν₋)`` with χ²₋ of the other
+    records, ν₋ their degrees of freedom and n what the group adds; Bonferroni's bound over the
+    groups of a kind. The noise is the scatter of the residuals, as errors of readings move far tips
+    more, and in few directions; records of one posture that share an error count once.
+    """
+    groups = label_groups(choice.fit.problem.measurements)
+    if not groups:
+        return []
+    fit = choice.fit
+    tip_covariance = choice.scatter_left.covariances - fit.observations.covariance
+    fit_with_scatter = replace(fit, noise=replace(fit.noise, tip_covariance=tip_covariance))
+    records_by_group = choice.noise.count
+    independent_part = records_by_group.size / records_by_group.sum() if choice.noise.ratio else 1.0
+    chi2_of_all = fit_with_scatter.chi2_of(fit.used)
+    standing_out = []
+    for group in groups:
+        chi2_of_others = fit_with_scatter.chi2_of(fit.used & ~group.records)
+        dof_of_group = chi2_of_all.dof - chi2_of_others.dof
+        if min(dof_of_group, chi2_of_others.dof) < 1.0 or chi2_of_others.value <= 0.0:
+            continue
+        variance = max((chi2_of_all.value - chi2_of_others.value) / dof_of_group, 0.0)
+        variance_ratio = variance / (chi2_of_others.value / chi2_of_others.dof)
+        count_of_kind = sum(other.kind == group.kind for other in groups)
+        dofs = independent_part * dof_of_group, independent_part * chi2_of_others.dof
+        p_value_of_group = float(f_sf(variance_ratio, *dofs))
+        p_value = min(1.0, count_of_kind * p_value_of_group)
+        if p_value < THRESHOLDS.odd:
+            record_count = int((fit.used & group.records).sum())
+            times = float(np.sqrt(variance_ratio))
+            standing_out.append(OddGroup(group.name, record_count, times, p_value))
+    return sorted(standing_out, key=lambda group: group.p_value)
+
+
+class LabelGroup(NamedTuple):
+    """Records (n,) of one label of a kind (bar, seat, session or marker), such as ``bar left``."""
+
+    kind: str
+    name: str
+    records: Mask
+
+
+def label_groups(measurements: Measurements) -> list[LabelGroup]:
+    """Groups of records that may disagree with the others: bars, or else seats, of unknown place;
+    sessions; markers. There are enough of a kind, each with enough records.
+    """
+    conditions = measurements.conditions
+    labels_by_kind = {"session": conditions.session, "marker": conditions.marker}
+    if not measurements.known.any():
+        labels_by_kind["bar"] = measurements.bar
+        labels_by_kind["seat"] = conditions.seat if measurements.bar is None else None
+    groups = []
+    for kind, label_of_record in labels_by_kind.items():
+        if label_of_record is None:
+            continue
+        distinct_labels = [label for label in dict.fromkeys(label_of_record) if label]
+        groups_of_kind = [
+            LabelGroup(kind, f"{kind} {label}", label_of_record == label)
+            for label in distinct_labels
+        ]
+        large_groups = [
+            group for group in groups_of_kind if group.records.sum() > THRESHOLDS.fewest_records
+        ]
+        if len(large_groups) >= THRESHOLDS.fewest_groups:
+            groups += large_groups
+    return groups

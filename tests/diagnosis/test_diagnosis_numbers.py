@@ -32,8 +32,8 @@ from aacmm_pin.calibration.problem import Problem
 from aacmm_pin.calibration.setup import Setup
 from aacmm_pin.diagnosis import gram_matrix
 from aacmm_pin.diagnosis import held_out_gain as gain
-from aacmm_pin.diagnosis import odd_groups as groups
 from aacmm_pin.diagnosis import significance as findings
+from aacmm_pin.diagnosis import unexplained as groups
 from aacmm_pin.diagnosis.candidates import Variants, candidates
 from aacmm_pin.diagnosis.choice import Choice, seats_are_divided
 from aacmm_pin.diagnosis.covariates import Covariate, covariates
