@@ -27,7 +27,6 @@ from aacmm_pin.diagnosis.gram_matrix import gram_of
 from aacmm_pin.diagnosis.model_space import Blocks, Candidates, ModelSpace
 from aacmm_pin.diagnosis.nonlinear_parameters import (
     refined_causes,
-    steps_past_excluded,
     with_likeliest,
     with_nonlinear_u,
 )
@@ -252,12 +251,6 @@ class _Search:
         if effects:
             with_widths = choice.with_values(effects)
             refit = self.refitted(with_widths, used=used)
-            if used is None:
-                for moved in steps_past_excluded(choice, refit, effects):
-                    moved_with_widths = choice.with_values(moved)
-                    other_refit = self.refitted(moved_with_widths)
-                    if other_refit.used.sum() > refit.used.sum():
-                        effects, with_widths, refit = moved, moved_with_widths, other_refit
             if removed := _superseded(refit, effects):
                 refit = self.refitted(with_widths, removed, used)
                 # A cause that has replaced a known one has another nonlinear parameter without it.

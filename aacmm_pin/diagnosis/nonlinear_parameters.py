@@ -25,8 +25,6 @@ EXCEPTIONAL = 2.0
 """A value common in machines is taken unless the log evidence falls by this."""
 PARTS_OF_STEP = 200
 """Parts of the distance of two tried values, over which their evidence is summed."""
-UNREFUSED = 3.0
-"""The used records refuse a time of a step if its log evidence is so far below the largest."""
 
 
 def refined_causes(choice: Choice, causes: Blocks) -> list[Effect]:
@@ -53,37 +51,6 @@ def with_likeliest(
     for k, log_odds in evidences(fit, noise, acting, tried).items():
         effects[k] = likeliest(tried[k], log_odds)
     return effects
-
-
-def steps_past_excluded(choice: Choice, fit: Fit, causes: Sequence[Effect]) -> list[list[Effect]]:
-    """The causes, each time with one step moved so that other excluded records come before it: to
-    the likeliest of these times, unless the used records refuse it.
-    """
-    records = fit.problem.measurements
-    excluded = records.take(np.flatnonzero(fit.excluded))
-    steps = [
-        number for number, effect in enumerate(causes) if effect.nonlinear.gap(effect, records)
-    ]
-    if not excluded.n or not steps:
-        return []
-    times_excluded = excluded.conditions.times
-    tried_by_number = {
-        number: causes[number].nonlinear.refine(causes[number].at(()), records) for number in steps
-    }
-    acting = [(effect.at(()),) for effect in causes]
-    causes_with_moved_step = []
-    for number, log_odds in evidences(fit, choice.noise, acting, tried_by_number).items():
-        nonlinear = causes[number].nonlinear
-        times = [nonlinear.value(effect) for effect in tried_by_number[number]]
-        excluded_before = np.searchsorted(times_excluded, times)
-        excluded_before_now = np.searchsorted(times_excluded, nonlinear.value(causes[number]))
-        for excluded_count in np.setdiff1d(excluded_before, excluded_before_now):
-            log_odds_there = np.where(excluded_before == excluded_count, log_odds, -np.inf)
-            best_time = int(np.argmax(log_odds_there))
-            if log_odds_there[best_time] > log_odds.max() - UNREFUSED:
-                moved = tried_by_number[number][best_time]
-                causes_with_moved_step.append([*causes[:number], moved, *causes[number + 1 :]])
-    return causes_with_moved_step
 
 
 def _acting(choice: Choice, blocks: Sequence[int]) -> list[Variants]:

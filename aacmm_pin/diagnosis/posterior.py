@@ -177,17 +177,6 @@ class Posterior:
         return inclusion(self.space, sets_without)
 
     @cached_property
-    def _likely(self) -> dict[Blocks, float]:
-        """Sets worth listing whose log posterior is known, with their weights."""
-        least = THRESHOLDS.worth_listing
-        evaluated = self.space.is_evaluated
-        return {
-            blocks: weight
-            for blocks, weight in self.weights.items()
-            if weight >= least and evaluated(blocks)
-        }
-
-    @cached_property
     def causes_alone(self) -> Conditional:
         """The linear model with the median set's causes, without covariates and background."""
         best = self.space.marginal(self.median).best
@@ -208,13 +197,15 @@ class Posterior:
 
     @cached_property
     def _covariances_over_sets(self) -> dict[int, Array]:
-        """Mean covariance of each cause in the sets that hold it, about the estimate with the
-        causes alone.
+        """Mean covariance of each cause in the sets worth listing that hold it, about the estimate
+        with the causes alone; of sets whose log posterior is known.
         """
         alone = self.causes_alone
         sums = {k: 0.0 * alone.covariance[entries, entries] for k, entries in alone.entries.items()}
         weights = dict.fromkeys(alone.blocks, 0.0)
-        for blocks, weight in self._likely.items():
+        for blocks, weight in self.weights.items():
+            if weight < THRESHOLDS.worth_listing or not self.space.is_evaluated(blocks):
+                continue
             model = self.beside(blocks)
             covariance = model.covariance
             for k in set(blocks) & weights.keys():

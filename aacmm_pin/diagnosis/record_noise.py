@@ -179,7 +179,12 @@ class RecordNoise:
 
     def along(self, rows: Array) -> Array:
         """Products of the columns with rows (n, k, c), of each group (groups, columns, c)."""
-        return self.sums(self.columns.transpose(0, 2, 1) @ rows)
+        products = self.columns.transpose(0, 2, 1) @ rows
+        inside = np.flatnonzero(self.group >= 0)
+        ones = (np.ones(inside.size), (self.group[inside], inside))
+        sum_of_groups = csr_array(ones, shape=(len(self.count), len(self.group)))
+        sums = np.asarray(sum_of_groups @ products.reshape(len(rows), -1))
+        return sums.reshape(len(self.count), *products.shape[1:])
 
     @cached_property
     def spectra(self) -> tuple[Array, Array]:
@@ -206,19 +211,6 @@ class RecordNoise:
         """
         log_variance_change = self.log_volume(self.ratio) - other.log_volume(other.ratio)
         return bool(abs((log_variance_change / self.coordinates).mean()) < SAME_LOG_VARIANCE)
-
-    @cached_property
-    def _sum(self) -> csr_array:
-        """Matrix of ones that sums records by group (groups, n)."""
-        inside = np.flatnonzero(self.group >= 0)
-        shape = (len(self.count), len(self.group))
-        return csr_array((np.ones(inside.size), (self.group[inside], inside)), shape=shape)
-
-    def sums(self, rows: Array) -> Array:
-        """Sum of the rows (n, …) of each group (groups, …)."""
-        flat = rows.reshape(len(rows), -1)
-        sums = np.asarray(self._sum @ flat)
-        return sums.reshape(len(self.count), *rows.shape[1:])
 
     def with_whole_groups(self, chosen: Mask, used: Mask) -> Mask:
         """Some records (n,) and all used ones that share an error with any."""

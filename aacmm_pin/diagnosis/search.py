@@ -142,19 +142,14 @@ class Walk:
         """The posterior over the sets visited and all additions to expanded sets: each addition has
         little mass, but all together may have some per cent.
         """
-        weights = weights_of(self._additions | self.values, THRESHOLDS.negligible_set)
-        return Posterior(self.space, weights, disagreement)
-
-    @property
-    def _additions(self) -> dict[Blocks, float]:
-        """Approximate log posterior of each expanded set with one block more, if not negligible."""
-        values: dict[Blocks, float] = {}
+        additions: dict[Blocks, float] = {}
         least = self.best - THRESHOLDS.negligible_set
         for blocks, approximate in self.expanded.items():
             for k in np.flatnonzero(approximate > least).tolist():
                 larger = with_block(blocks, k)
-                values[larger] = max(values.get(larger, -np.inf), float(approximate[k]))
-        return values
+                additions[larger] = max(additions.get(larger, -np.inf), float(approximate[k]))
+        weights = weights_of(additions | self.values, THRESHOLDS.negligible_set)
+        return Posterior(self.space, weights, disagreement)
 
     def run(self, exchanges: bool = True, until: float = np.inf) -> None:
         """Expand the best sets, and exchange members of those that hold the mass before weaker ones

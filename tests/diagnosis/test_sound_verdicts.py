@@ -635,19 +635,6 @@ def test_an_early_slip_is_no_drift(sino6, seed):
 
 
 @FEW
-def test_good_records_beside_a_slip_are_no_gross_errors(sino6):
-    """A first time of the slip on their wrong side made them look so."""
-    slip = EncoderSlip(3, 1500.0, values=(2e-4,))
-    data = drawn(ErrorModel(sino6, (slip,)), 90, 0)
-    result = diagnosed(sino6, data)
-    assert result.choice.fit.used.all()
-    (finding,) = result.findings
-    low, high = finding.effect.between_s
-    assert low < 1500.0 < high
-    assert not np.any((low < data.conditions.time) & (data.conditions.time < high))
-
-
-@FEW
 @pytest.mark.parametrize(
     "shares", [again("last few"), again("time"), again("operator"), "joint 2", again("place")]
 )
