@@ -96,13 +96,6 @@ class Choice:
         """
         return self.design.deviations(self.posterior.median_model.all_tips)
 
-    @property
-    def whitened_deviations(self) -> Array:
-        """Those of the tips (n, 3) in units of the noise; the error that a posture's records share
-        counts once.
-        """
-        return self.noise.whitened(self.deviations)[:, :3]
-
     def displacement(self, weights: Array) -> Array:
         """Displacement of the used records' tips by all columns times ``weights`` (columns, r) that
         recalibration leaves (n, 3, r) [m].

@@ -219,11 +219,7 @@ def _pair_and_time_covariates(state: State, joints: Sequence[Joint]) -> Iterator
         first_orders = tuple(Waves(name, constant=True) for name in names)
         variants = [Carried.of(first_orders, joint.error, state) for joint in pair]
         for joint, other in (pair, reversed(pair)):
-            change = Waves.about_mean(other.name, state)
-            gear_waves = [
-                Waves(joint.name, order=order) for order in GEAR_ORDERS if not joint.slides
-            ]
-            variants += [Carried.of((wave, change), joint.error, state) for wave in gear_waves]
+            variants += _gear_waves(joint, Waves.about_mean(other.name, state), state)
         values = pd.concat([joint.table(state) for joint in pair], axis=1)
         yield Covariate(" × ".join(names), names, tuple(variants), values)
     time = state.conditions.time
@@ -248,12 +244,19 @@ def _load_covariates(state: State, joints: Sequence[Joint]) -> Iterator[Covariat
         change = Moment.beyond_own_angle(joint.name, state)
         if np.ptp(change.values(state)) < LEAST_MOMENT:
             continue
-        gear_waves = [Waves(joint.name, order=order) for order in GEAR_ORDERS]
-        variants = [Carried.of((wave, change), joint.error, state) for wave in gear_waves]
         load = f"moment {joint.row}"
         moment = Moment(joint.name).values(state)[:, 0]
         values = joint.table(state).assign(**{f"moment{joint.row}_nm": moment})
-        yield Covariate(f"{joint.name} × {load}", (joint.name, load), tuple(variants), values)
+        yield Covariate(
+            f"{joint.name} × {load}", (joint.name, load), _gear_waves(joint, change, state), values
+        )
+
+
+def _gear_waves(joint: Joint, change: Smooth, state: State) -> tuple[Carried, ...]:
+    """The error of a joint's gear, whose waves change with something; none of a sliding joint."""
+    orders = () if joint.slides else GEAR_ORDERS
+    waves = [Waves(joint.name, order=order) for order in orders]
+    return tuple(Carried.of((wave, change), joint.error, state) for wave in waves)
 
 
 def _place(state: State) -> Covariate:

@@ -19,7 +19,7 @@ from aacmm_pin.calibration import Fit, HeldEffects, information_of_seats
 from aacmm_pin.calibration.jacobian import Columns
 from aacmm_pin.diagnosis.candidates import Variants, is_change
 from aacmm_pin.diagnosis.covariates import Carried, Covariate
-from aacmm_pin.effects import Carrier, Discrepancy, Effect, JointZeroOffset, State
+from aacmm_pin.effects import Carrier, Discrepancy, Effect, State
 
 TYPICAL_SHIFT = 2e-5
 """Typical root mean square of all smooth functions of a covariate, at the tip [m]. The RMS of the
@@ -237,12 +237,6 @@ class Design:
         covariance = np.linalg.pinv(information.total, hermitian=True)
         step = np.einsum("sij,sj->si", covariance, gradient)
         return observations.deviations(tips, seats + step)
-
-    @property
-    def of_angles(self) -> Array:
-        """Displacement by each joint (n, 3 or 6, nq) [m/rad, or m/m where it slides]."""
-        rows = self.fit.problem.model.arm.chain.moving_rows()
-        return displacements(self.fit, [JointZeroOffset(row) for row in rows])
 
 
 def displacements(fit: Fit, effects: Sequence[Effect]) -> Array:

@@ -163,6 +163,11 @@ def diagnose(
     unexplained = unexplained_by(choice, held_out_gain, bool(findings))
     # Without a finding nothing explains what the recalibrated arm alone excludes.
     judged_fits = [choice.fit] if findings else [choice.fit, first_recalibration]
+    contradicted = {
+        replace(note, data={**note.data, "deviations": None}): note  # each place once
+        for judged_fit in judged_fits
+        for note in contradiction_notes(judged_fit)
+    }
     budget = budget_of(choice, nominal, unexplained.discrepancy, unexplained.shared_by_postures)
     no_better = _no_better(model.arm, findings, held_out_gain, bool(choice.covariates))
     if no_better:
@@ -185,20 +190,10 @@ def diagnose(
         visible=visible(choice.posterior),
         assumed=tuple(notes),
         no_better=no_better,
-        contradicted=_contradictions(judged_fits),
+        contradicted=tuple(contradicted.values()),
         budget=budget,
     )
     return judged(result)
-
-
-def _contradictions(fits: Sequence[Fit]) -> tuple[Note, ...]:
-    """Notes on stated places that the records contradict, each place once."""
-    contradicted = {
-        replace(note, data={**note.data, "deviations": None}): note
-        for one_fit in fits
-        for note in contradiction_notes(one_fit)
-    }
-    return tuple(contradicted.values())
 
 
 def _no_better(

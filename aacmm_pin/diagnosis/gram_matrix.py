@@ -59,24 +59,23 @@ class Gram:
         gradient = family.in_parameters(self.matrix[-1:, family.columns])[:, 0]
         return family.information(self.matrix), gradient
 
-    @property
-    def directions(self) -> Array:
-        """Directions of the background: all covariates together in few (columns, r)."""
-        return (self.origin or self)._largest_directions
-
     @cached_property
     def along_directions(self) -> Array:
         """Products of the directions with all columns and the residual (r, columns + 1)."""
         return np.asarray(self.directions.T @ self.matrix[:-1])
 
     @cached_property
-    def _largest_directions(self) -> Array:
-        """Each covariate block counts with the same mean square, all together with that of the
+    def directions(self) -> Array:
+        """Directions of the background: all covariates together in few (columns, r).
+
+        Each covariate block counts with the same mean square, all together with that of the
         noise; but no parameter is larger than the largest width, or an arm that shrinks to a point
         would meet every unknown seat. The directions span about the largest right singular vectors:
         one step of a randomised range finder (Halko, Martinsson, Tropp 2011, SIAM Review 53), whose
         start depends on the covariates' names alone.
         """
+        if self.origin is not None:
+            return self.origin.directions
         blocks = [b for b in self.design.blocks if b.candidate >= self.design.causes]
         blocks.sort(key=lambda block: block.columns.start)
         first = blocks[0].columns.start if blocks else self.design.width
@@ -116,7 +115,9 @@ def gram_of(design: Design, noise: RecordNoise, folds: Sequence[Mask] | None = N
     parts = [used] if folds is None else [used & fold for fold in folds]
     upper = np.zeros((design.width + 1, design.width + 1), order="F")
     free = sum(_add_records(upper, design, noise, part) for part in parts)
-    matrix = _symmetric(upper)
+    for k in range(len(upper)):
+        upper[k + 1 :, k] = upper[k, k + 1 :]
+    matrix = upper.T  # row by row in memory
     has_all = np.array_equal(np.any(parts, axis=0), used)
     if has_all:
         nuisances_and_residual = np.append(np.arange(design.nuisances), design.width)
@@ -163,10 +164,3 @@ def _add_squares(upper: Array, rows: Array, factor: float) -> None:
     flat = np.ascontiguousarray(rows.reshape(-1, len(upper)))
     if len(flat):
         dsyrk(factor, flat.T, beta=1.0, c=upper, overwrite_c=True)
-
-
-def _symmetric(upper: Array) -> Array:
-    """The matrix of an upper triangle, in place."""
-    for k in range(len(upper)):
-        upper[k + 1 :, k] = upper[k, k + 1 :]
-    return upper.T  # row by row in memory

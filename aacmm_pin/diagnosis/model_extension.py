@@ -217,7 +217,8 @@ class _Search:
         choice = Choice(refit, posterior, library, self.all_covariates, self.folds, scatter)
         if previous is not None or noise_is_known(refit):
             return choice
-        scatter = choice.scatter_beside(choice.posterior.without_curves)
+        no_curves = [k for k in posterior.top if not candidates.free[candidates.owner(k)]]
+        scatter = choice.scatter_beside(posterior.beside(posterior.top, no_curves))
         if not scatter.readings.any():
             return choice
         posterior_with_scatter = _likeliest_climb(candidates, start, scatter, tips, dof)

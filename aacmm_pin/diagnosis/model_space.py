@@ -527,21 +527,16 @@ class ModelSpace:
         candidates = self.candidates
         members = [k for k in state.blocks if candidates.block_places[k] == place]
         staying = state.of([k for k in state.blocks if k not in members])
-        one_form = self._with_best(staying, self.conditional(state).without(*members), place)
+        one_form = self.with_best(staying, place)
         if len(members) > 1 and self.log_posterior(one_form) < self.log_posterior(state):
             return state
         return one_form
 
-    def best_addition(self, state: ModelState) -> ModelState:
-        """The state with the most probable block more, if that makes it more probable."""
-        return self._with_best(state, self.conditional(state))
-
-    def _with_best(
-        self, state: ModelState, beside: Conditional, place: int | None = None
-    ) -> ModelState:
-        """The state with the block more, of one place or of any, that is most probable beside it;
-        the state itself if none makes it more probable.
+    def with_best(self, state: ModelState, place: int | None = None) -> ModelState:
+        """The state with the most probable block more, of one place or of any; the state itself if
+        none makes it more probable.
         """
+        beside = self.conditional(state)
         families = None if place is None else self.candidates.families[place]
         values = beside.additions(families) - np.log(WIDTHS.size)
         values += self.candidates.log_odds[:, None]

@@ -133,8 +133,13 @@ def with_nonlinear_u(fit: Fit, noise: RecordNoise, effects: Sequence[Effect]) ->
     its own.
     """
     records = fit.problem.measurements
+    # The effect is smooth in their nonlinear parameter, which may have any value.
     new_causes = [
-        k for k, effect in enumerate(effects) if not is_change(effect) and _is_smooth(effect)
+        k
+        for k, effect in enumerate(effects)
+        if not is_change(effect)
+        and effect.nonlinear.prior_sd(effect)
+        and not effect.nonlinear.is_preferred(effect)
     ]
     tried_by_number = {
         k: effects[k].nonlinear.refine(effects[k].at(()), records) for k in new_causes
@@ -148,12 +153,6 @@ def with_nonlinear_u(fit: Fit, noise: RecordNoise, effects: Sequence[Effect]) ->
             u = _least_u(effect, tried_by_number[k], log_odds[k])
             u_by_key[effect.key] = {effect.nonlinear.field: u}
     return replace(fit, estimated_nonlinear=u_by_key)
-
-
-def _is_smooth(effect: Effect) -> bool:
-    """Whether the effect is smooth in its nonlinear parameter, which may have any value."""
-    nonlinear = effect.nonlinear
-    return bool(nonlinear.prior_sd(effect)) and not nonlinear.is_preferred(effect)
 
 
 def _least_u(effect: Effect, tried: Sequence[Effect], log_odds: Array) -> float:

@@ -126,15 +126,6 @@ class Posterior:
         """The linear model with the median set."""
         return self.beside(self.median)
 
-    @property
-    def without_curves(self) -> Conditional:
-        """The linear model with the most probable set, without causes that can be every function of
-        their place.
-        """
-        candidates = self.space.candidates
-        kept = [k for k in self.top if not candidates.free[candidates.owner(k)]]
-        return self.beside(self.top, kept)
-
     def without(self, block: int) -> Conditional:
         """The linear model with the median set without one of its blocks."""
         return self.beside(self.median, [k for k in self.median if k != block])

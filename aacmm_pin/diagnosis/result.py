@@ -138,12 +138,6 @@ class Place:
         return self.probability >= THRESHOLDS.settled and most_probable < THRESHOLDS.named
 
 
-def _order_of_places(place: Place) -> tuple[float, float, str]:
-    """By thousandths of the probability, along the arm, by label: not by the rows' order."""
-    row = place.effect.row
-    return -round(place.probability, 3), math.inf if row is None else row, place.effect.label
-
-
 @dataclass(frozen=True, eq=False)
 class Diagnosis(Shown):
     """The result of a diagnosis: the causes of error, the extended arm, and its gain.
@@ -236,7 +230,14 @@ class Diagnosis(Shown):
             probability = min(sum(probability_of_labels.values()), 1.0)
             if effect is not None and probability >= THRESHOLDS.worth_listing:
                 places.append(Place(effect, probability, probability_of_labels))
-        return tuple(sorted(places, key=_order_of_places))
+
+        def order(place: Place) -> tuple[float, float, str]:
+            """By thousandths of the probability, along the arm, by label."""
+            row = place.effect.row
+            rounded = round(place.probability, 3)
+            return -rounded, math.inf if row is None else row, place.effect.label
+
+        return tuple(sorted(places, key=order))
 
     @property
     def cannot_tell_apart(self) -> list[tuple[str, ...]]:

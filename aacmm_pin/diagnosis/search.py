@@ -93,7 +93,7 @@ def ascended(space: ModelSpace, start: Blocks) -> Blocks:
         places = {int(space.candidates.block_places[k]) for k in state.blocks}
         for place in sorted(places):
             state = space.best_form(state, place)
-        state = space.best_amplitude(space.best_addition(state))
+        state = space.best_amplitude(space.with_best(state))
         value_before = value
         value = space.log_posterior(state)
         if value <= value_before + LEAST_ASCENT:
@@ -175,10 +175,17 @@ class Walk:
             if to_expand and (not to_exchange or weights[to_expand[0]] >= holds):
                 blocks = to_expand[0]
                 gains = self.gains.get(self._regardless_of_variants(blocks))
-                if gains is None or gains.max() > 0.0:
-                    self._expand(blocks)
-                else:
+                if gains is not None and gains.max() <= 0.0:
                     self.expanded[blocks] = self.values[blocks] + gains
+                    continue
+                # Two blocks that act only together are far more probable than the approximation
+                # with the widths of one of them.
+                if not self.space.is_evaluated(blocks):
+                    self._look_at(blocks)
+                self._visit_additions(blocks)
+                removals = self.space.removals(blocks).tolist()
+                for k, value in zip(blocks, removals, strict=True):
+                    self._visit(without_block(blocks, k), value, blocks)
             elif to_exchange:
                 self._exchange(to_exchange[0])
             else:
@@ -230,19 +237,6 @@ class Walk:
         _, first_of_owner = np.unique(self.space.candidates.owners[order], return_index=True)
         leading: list[int] = order[np.sort(first_of_owner)[: THRESHOLDS.instead]].tolist()
         return leading
-
-    def _expand(self, blocks: Blocks) -> None:
-        """Work out the set itself, and visit it with each block more that is within reach and
-        without each member.
-
-        Two blocks that act only together are far more probable than the approximation with the
-        widths of one of them.
-        """
-        if not self.space.is_evaluated(blocks):
-            self._look_at(blocks)
-        self._visit_additions(blocks)
-        for k, value in zip(blocks, self.space.removals(blocks).tolist(), strict=True):
-            self._visit(without_block(blocks, k), value, blocks)
 
     def _visit_additions(self, blocks: Blocks) -> None:
         """Visit a set with each block more; this uses up one expansion, the first time."""

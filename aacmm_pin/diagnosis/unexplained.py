@@ -17,9 +17,11 @@ from aacmm_pin._support.notes import Note
 from aacmm_pin.calibration import Fit
 from aacmm_pin.calibration.shared_exclusions import Shared, shared_by
 from aacmm_pin.diagnosis.choice import Choice, noise_is_known
+from aacmm_pin.diagnosis.design_matrix import displacements
 from aacmm_pin.diagnosis.held_out_gain import Gain
 from aacmm_pin.diagnosis.significance import family_wise_p_value, p_value_of_structure
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
+from aacmm_pin.effects import JointZeroOffset
 from aacmm_pin.measurements import Measurements
 
 NAMED_QUANTITIES = 2
@@ -251,6 +253,12 @@ def unexplained_by(choice: Choice, held_out_gain: Gain | None, has_findings: boo
     readings = tuple(
         joint for joint in scattered_readings(choice) if f"joint {joint.joint}" not in depends_on
     )
+    shared_by_postures = None
+    noise = choice.noise
+    if noise.p_value < THRESHOLDS.left and noise.ratio >= THRESHOLDS.large:
+        scatter = float(np.sqrt(posterior.median_model.variance))
+        size = scatter * noise.shared_size(choice.design.fit)
+        shared_by_postures = SharedError(size, noise.ratio, noise.p_value)
     discrepancy_sizes = _discrepancy_sizes(choice)
     gain = held_out_gain.discrepancy_gain if held_out_gain and discrepancy_sizes else None
     return Unexplained(
@@ -264,19 +272,9 @@ def unexplained_by(choice: Choice, held_out_gain: Gain | None, has_findings: boo
         groups=groups_odd,
         excluded=shared_by_excluded,
         readings=readings,
-        shared_by_postures=_shared_error(choice),
+        shared_by_postures=shared_by_postures,
         run_order=None if {"time", "session"} & {*depends_on} else run_order_of(choice),
     )
-
-
-def _shared_error(choice: Choice) -> SharedError | None:
-    """The shared error, if it is significant and large."""
-    noise = choice.noise
-    fit = choice.design.fit
-    if noise.p_value >= THRESHOLDS.left or noise.ratio < THRESHOLDS.large:
-        return None
-    size = np.sqrt(choice.posterior.median_model.variance) * noise.shared_size(fit)
-    return SharedError(float(size), noise.ratio, noise.p_value)
 
 
 def scattered_readings(choice: Choice) -> tuple[ScatteredReadings, ...]:
@@ -284,24 +282,22 @@ def scattered_readings(choice: Choice) -> tuple[ScatteredReadings, ...]:
     fit = choice.design.fit
     if noise_is_known(fit):
         return ()
-    stated = fit.problem.setup.encoder_noise is not None
-    scatter_left = choice.scatter_left
-    chain = fit.problem.model.arm.chain
-    noise_rms = fit.noise_rms
-    scattered = []
-    for number, joint_row in enumerate(chain.moving_rows()):
-        at_tips = float(scatter_left.at_tips[number])
-        log_ratio = float(scatter_left.log_ratios[number])
-        if scatter_left.larger[number] and at_tips > THRESHOLDS.large * noise_rms:
-            chance_of_joint = float(chi2_sf(2.0 * log_ratio, 1))
-            p_value = min(1.0, 0.5 * scatter_left.readings.size * chance_of_joint)
-            scatter_of_joint = float(scatter_left.readings[number])
-            slides = bool(chain.prismatic[number])
-            scattered.append(
-                ScatteredReadings(
-                    int(joint_row), scatter_of_joint, slides, stated, at_tips, log_ratio, p_value
-                )
-            )
+    chain, left = fit.problem.model.arm.chain, choice.scatter_left
+    chances = chi2_sf(2.0 * left.log_ratios, 1)
+    p_values = np.minimum(0.5 * left.readings.size * chances, 1.0)
+    is_large = left.larger & (left.at_tips > THRESHOLDS.large * fit.noise_rms)
+    scattered = [
+        ScatteredReadings(
+            joint=int(chain.moving_rows()[k]),
+            scatter=float(left.readings[k]),
+            slides=bool(chain.prismatic[k]),
+            stated=fit.problem.setup.encoder_noise is not None,
+            at_tips=float(left.at_tips[k]),
+            log_ratio=float(left.log_ratios[k]),
+            p_value=float(p_values[k]),
+        )
+        for k in np.flatnonzero(is_large)
+    ]
     return tuple(sorted(scattered, key=lambda readings: -readings.at_tips))
 
 
@@ -334,14 +330,11 @@ def _discrepancy_sizes(choice: Choice) -> tuple[DiscrepancySize, ...]:
     sizes = []
     for block in choice.covariates:
         entries = model.entries[block]
-        displacements = choice.displacement(design.weights(block))
-        sum_of_squares = np.square(displacements @ model.estimate[entries]).sum()
-        covariance = model.covariance[entries, entries]
-        sum_of_variances = np.einsum(
-            "nij,jk,nik->", displacements, covariance, displacements, optimize=True
-        )
-        mean_squares = np.maximum([sum_of_squares, sum_of_variances], 0.0) / len(displacements)
-        rms, u = np.sqrt(mean_squares).tolist()
+        moved = choice.displacement(design.weights(block))
+        products = np.tensordot(moved, moved, ((0, 1), (0, 1)))
+        estimate, covariance = model.estimate[entries], model.covariance[entries, entries]
+        sums = np.array([estimate @ products @ estimate, np.sum(products * covariance)])
+        rms, u = np.sqrt(np.maximum(sums, 0.0) / len(moved)).tolist()
         probability = choice.posterior.probability(block)
         sizes.append(DiscrepancySize(choice.covariate(block).name, rms, u, probability))
     return tuple(sizes)
@@ -384,13 +377,15 @@ def signed_residuals(choice: Choice) -> dict[int | None, Array]:
     records = fit.problem.measurements
     order = records.order_in_time
     order = order[choice.fit.used[order]]
-    residuals = choice.whitened_deviations[order]
-    displacements = choice.noise.whitening[order, :3, :3] @ choice.design.of_angles[order, :3]
+    residuals = choice.noise.whitened(choice.deviations)[order, :3]
+    joint_rows = fit.problem.model.arm.chain.moving_rows()
+    by_joints = displacements(fit, [JointZeroOffset(row) for row in joint_rows])
+    by_joints = choice.noise.whitening[order, :3, :3] @ by_joints[order, :3]
     residuals_by_joint: dict[int | None, Array] = {None: residuals}
-    for number, joint_row in enumerate(fit.problem.model.arm.chain.moving_rows()):
-        levers = np.linalg.norm(displacements[:, :, number], axis=1)
+    for number, joint_row in enumerate(joint_rows):
+        levers = np.linalg.norm(by_joints[:, :, number], axis=1)
         is_displaced = levers > LEAST_PART_OF_LEVER * levers.max(initial=0.0)
-        along = np.einsum("ni,ni->n", displacements[:, :, number], residuals)
+        along = np.einsum("ni,ni->n", by_joints[:, :, number], residuals)
         signed = along / np.where(is_displaced, levers, 1.0)
         residuals_by_joint[int(joint_row)] = np.where(is_displaced, signed, np.nan)[:, None]
     return residuals_by_joint
@@ -421,10 +416,9 @@ def odd_groups(choice: Choice) -> list[OddGroup]:
             continue
         variance = max((chi2_of_all.value - chi2_of_others.value) / dof_of_group, 0.0)
         variance_ratio = variance / (chi2_of_others.value / chi2_of_others.dof)
-        count_of_kind = sum(other.kind == group.kind for other in groups)
         dofs = independent_part * dof_of_group, independent_part * chi2_of_others.dof
-        p_value_of_group = float(f_sf(variance_ratio, *dofs))
-        p_value = min(1.0, count_of_kind * p_value_of_group)
+        count_of_kind = sum(other.kind == group.kind for other in groups)
+        p_value = min(1.0, count_of_kind * float(f_sf(variance_ratio, *dofs)))
         if p_value < THRESHOLDS.odd:
             record_count = int((fit.used & group.records).sum())
             times = float(np.sqrt(variance_ratio))
@@ -453,14 +447,11 @@ def label_groups(measurements: Measurements) -> list[LabelGroup]:
     for kind, label_of_record in labels_by_kind.items():
         if label_of_record is None:
             continue
-        distinct_labels = [label for label in dict.fromkeys(label_of_record) if label]
         groups_of_kind = [
             LabelGroup(kind, f"{kind} {label}", label_of_record == label)
-            for label in distinct_labels
+            for label in dict.fromkeys(label_of_record)
+            if label and np.sum(label_of_record == label) > THRESHOLDS.fewest_records
         ]
-        large_groups = [
-            group for group in groups_of_kind if group.records.sum() > THRESHOLDS.fewest_records
-        ]
-        if len(large_groups) >= THRESHOLDS.fewest_groups:
-            groups += large_groups
+        if len(groups_of_kind) >= THRESHOLDS.fewest_groups:
+            groups += groups_of_kind
     return groups
