@@ -137,14 +137,13 @@ def _places_joined_if_opposed(products: Array) -> list[list[int]]:
     """
     groups = [[place] for place in range(len(products) - 1)]
     while len(groups) > 1:
-        counting_squares = [products[group].sum() for group in groups]
         own_squares = [products[np.ix_(group, group)].sum() for group in groups]
-        parts_counting = [
-            counting / own if own else 1.0
-            for counting, own in zip(counting_squares, own_squares, strict=True)
+        parts_left = [
+            products[group].sum() / own if own else 1.0
+            for group, own in zip(groups, own_squares, strict=True)
         ]
-        most_undone = parts_counting.index(min(parts_counting))
-        if counting_squares[most_undone] > UNDONE * own_squares[most_undone]:
+        most_undone = int(np.argmin(parts_left))
+        if parts_left[most_undone] > UNDONE:
             break
         group = groups.pop(most_undone)
         opposed_group = min(groups, key=lambda other: products[np.ix_(group, other)].sum())

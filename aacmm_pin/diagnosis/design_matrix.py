@@ -288,7 +288,9 @@ def design_of(
     for number, variants in enumerate(library):
         columns.add_cause(number, variants)
     for number, covariate in enumerate(all_covariates, len(library)):
-        columns.add_covariate(number, covariate)
+        for variant, carried in enumerate(covariate.variants):
+            block = Block(number, variant, columns.of(carried), None)
+            columns.blocks.append(block)
     labels = [variants[0].label for variants in library]
     names = (*labels, *(covariate.name for covariate in all_covariates))
     prior = np.zeros((width + stated.size, kept.size + 1))
@@ -350,25 +352,20 @@ class _ColumnsOf:
                 basis = effect.basis(self.arm, self.records)
             if basis is not None:
                 if basis.identity not in self.bases:
-                    self.bases[basis.identity] = self._new((basis,))
+                    self.bases[basis.identity] = self.of((basis,))
                 columns = self.bases[basis.identity]
                 combinations = _combinations(effect, basis)
             else:
                 # A known cause with another nonlinear value has columns of its change too.
                 beside_change = changes and bool(first.nonlinear.field) and effect is not first
-                columns = self._new((effect, first) if beside_change else (effect,))
+                columns = self.of((effect, first) if beside_change else (effect,))
                 combinations = None
             single = len(effect.terms) == 1 and not is_change(effect)
             # Files give torques of the drive, or of the load, which have the opposite sign.
             positive = single and effect.terms[0].positive and "torque" not in effect.needs
             self.blocks.append(Block(number, variant, columns, combinations, positive))
 
-    def add_covariate(self, number: int, covariate: Covariate) -> None:
-        for variant, carried in enumerate(covariate.variants):
-            columns = self._new(carried)
-            self.blocks.append(Block(number, variant, columns, None))
-
-    def _new(self, source: Source) -> slice:
+    def of(self, source: Source) -> slice:
         """New columns of a source, each scaled by its typical magnitude."""
         if isinstance(source, Carried):
             shift = self.typical_shift
@@ -410,7 +407,11 @@ class _Calibrated:
         """Displacement by one unit of each parameter (n, 3 or 6, q) [m/unit]."""
         if not isinstance(source, Carried):
             return self._columns(source)
-        by_axes = self._axes(source.carrier)
+        if source.carrier not in self._by_carrier:
+            carrier = Carrier(source.carrier)
+            unit = Discrepancy(source.carrier, carrier, (), len(carrier.quantities))
+            self._by_carrier[source.carrier] = self._columns([unit])
+        by_axes = self._by_carrier[source.carrier]  # (n, 3 or 6, axes)
         moved = np.einsum("nm,nij->nimj", source.functions[self.chosen], by_axes)
         return np.asarray(moved.reshape(*by_axes.shape[:2], -1))
 
@@ -423,11 +424,3 @@ class _Calibrated:
             return self.frame @ columns
         translations, rotations = np.split(columns, 2, axis=1)
         return np.concatenate([self.frame @ translations, self.frame @ rotations], axis=1)
-
-    def _axes(self, name: str) -> Array:
-        """Displacement of the tip by one unit on each axis of a carrier (n, 3 or 6, axes)."""
-        if name not in self._by_carrier:
-            carrier = Carrier(name)
-            unit = Discrepancy(name, carrier, (), len(carrier.quantities))
-            self._by_carrier[name] = self._columns([unit])
-        return self._by_carrier[name]

@@ -309,12 +309,6 @@ class Conditional:
         vars(changed).update(rows=self.rows, information=self.information)
         return changed
 
-    def without(self, *members: int) -> Conditional:
-        """The set without some of its blocks."""
-        kept = [k for k, block in enumerate(self.blocks) if block not in members]
-        blocks, widths = (tuple(which[k] for k in kept) for which in (self.blocks, self.widths))
-        return replace(self, blocks=blocks, widths=widths)
-
     def plus(self, block: int, width: int) -> Conditional:
         """What is left with one block more, of a width by its number."""
         return replace(self, before=self, blocks=(block,), widths=(width,))

@@ -5,6 +5,7 @@ until the set stands.
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -369,7 +370,11 @@ def _likeliest_climb(
 
 
 def _with_variants(library: Sequence[Variants], effects: list[Effect]) -> tuple[Variants, ...]:
-    """The library with the refined effects among the variants of their labels."""
+    """The library with the refined effects among the variants of their labels.
+
+    Each replaces the nearest variant that was tried: if there were more about the likeliest value
+    than elsewhere, their prior would be larger there.
+    """
     identities_tried = {variant.identity for variants in library for variant in variants}
     untried_by_label = {
         effect.label: effect.at(()) for effect in effects if effect.identity not in identities_tried
@@ -378,29 +383,21 @@ def _with_variants(library: Sequence[Variants], effects: list[Effect]) -> tuple[
     for variants in library:
         # Of several candidates of one label, the first has the variants.
         refined = untried_by_label.pop(variants[0].label, None)
-        with_refined.append(variants if refined is None else _with_variant(variants, refined))
+        if refined is not None:
+            nonlinear = refined.nonlinear
+            value = nonlinear.value(refined) if nonlinear.field else math.nan
+            distances = {
+                k: abs(nonlinear.value(variant) - value)
+                for k, variant in enumerate(variants)
+                if nonlinear.field
+                and type(variant) is type(refined)
+                and not (is_change(variant) or nonlinear.is_preferred(variant))
+                and nonlinear.at(variant, value).identity == refined.identity
+            }
+            nearest = min(distances, key=distances.__getitem__, default=len(variants))
+            variants = (*variants[:nearest], refined, *variants[nearest + 1 :])
+        with_refined.append(variants)
     return tuple(with_refined)
-
-
-def _with_variant(variants: Variants, refined: Effect) -> Variants:
-    """A refined variant replaces the nearest that was tried: if there were more about the likeliest
-    value than elsewhere, their prior would be larger there.
-    """
-    nonlinear = refined.nonlinear
-    numbers_alike = [
-        k
-        for k, variant in enumerate(variants)
-        if nonlinear.field
-        and type(variant) is type(refined)
-        and not (is_change(variant) or nonlinear.is_preferred(variant))
-        and nonlinear.at(variant, nonlinear.value(refined)).identity == refined.identity
-    ]
-    nearest = min(
-        numbers_alike,
-        key=lambda k: abs(nonlinear.value(variants[k]) - nonlinear.value(refined)),
-        default=len(variants),
-    )
-    return (*variants[:nearest], refined, *variants[nearest + 1 :])
 
 
 def described_model(

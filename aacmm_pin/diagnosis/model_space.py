@@ -501,8 +501,8 @@ class ModelSpace:
         """
         marginal = self.marginal(blocks)
         at_best = self.conditional(marginal.best)
-        beside = at_best.without(*gone)
         staying = tuple(k for k in blocks if k not in gone)
+        beside = self.conditional(marginal.best.of(staying))
         log_odds = self.candidates.log_odds
         prior_of_gone = log_odds[list(gone)].sum() - len(gone) * np.log(WIDTHS.size)
         members = [blocks.index(k) for k in gone]
