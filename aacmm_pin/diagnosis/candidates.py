@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 
 from aacmm_pin.arm import Arm
@@ -95,20 +96,14 @@ def not_tried(
     the whole arm that this arm cannot have.
     """
     causes_tried = {variants[0].cause for variants in library}
-    causes_by_condition: dict[str, tuple[type[Effect], ...]] = {}
+    causes_by_condition = defaultdict[str, tuple[type[Effect], ...]](tuple)
     for cause in CAUSES.values():
-        needed_conditions = getattr(cause, "needs", ())
-        depends_on_fields = not isinstance(needed_conditions, tuple)
-        if cause.cause in causes_tried or depends_on_fields:
+        needs = getattr(cause, "needs", ())
+        if cause.cause in causes_tried or not isinstance(needs, tuple):  # depends on its fields
             continue
-        not_stated = [
-            condition
-            for condition in needed_conditions
-            if getattr(measurements.conditions, condition) is None
-        ]
-        if not_stated and (cause.location_field() is not None or any(cause.candidates(arm))):
-            first = not_stated[0]
-            causes_by_condition[first] = (*causes_by_condition.get(first, ()), cause)
+        missing = [need for need in needs if getattr(measurements.conditions, need) is None]
+        if missing and (cause.location_field() is not None or any(cause.candidates(arm))):
+            causes_by_condition[missing[0]] += (cause,)
     return causes_by_condition
 
 

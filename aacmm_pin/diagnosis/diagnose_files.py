@@ -14,7 +14,6 @@ from aacmm_pin._support.progress import bar
 from aacmm_pin._support.units import MM
 from aacmm_pin._support.workers import Workers, results
 from aacmm_pin.diagnosis.diagnose import diagnose
-from aacmm_pin.diagnosis.result import Diagnosis
 from aacmm_pin.effects import CAUSES, Effect, ErrorModel, GivenModel
 from aacmm_pin.errors import AacmmError, OutputError
 from aacmm_pin.measurements import GivenRecords, Measurements, as_measurements
@@ -95,7 +94,14 @@ def _row(
         raise
     except AacmmError as error:
         return row | {"error": str(error)}
-    return row | _columns_of(diagnosis)
+    causes_found = {finding.label: finding.probability for finding in diagnosis.findings}
+    row |= {"verdict": diagnosis.verdict, "causes": causes_found, "error": ""}
+    row |= {column: diagnosis.rms[model] / MM for column, model in RMS_OF.items()}
+    gain = diagnosis.held_out
+    if gain is not None:
+        row |= dict(zip(GAIN_COLUMNS, (gain.gain, *gain.interval), strict=True))
+    counts = (diagnosis.extended.used.sum(), len(diagnosis.excluded), *diagnosis.visible)
+    return row | dict(zip(COUNT_COLUMNS, counts, strict=True))
 
 
 def _name(given: GivenModel | GivenRecords) -> str:
@@ -103,15 +109,3 @@ def _name(given: GivenModel | GivenRecords) -> str:
     if isinstance(given, str | Path):
         return str(given)
     return given.source if isinstance(given, Measurements) else ErrorModel.arm_of(given).name
-
-
-def _columns_of(diagnosis: Diagnosis) -> dict[str, Any]:
-    """The cells of a file's row that its diagnosis gives, by column."""
-    causes = {finding.label: finding.probability for finding in diagnosis.findings}
-    row: dict[str, Any] = {"verdict": diagnosis.verdict, "causes": causes, "error": ""}
-    row |= {column: diagnosis.rms[model] / MM for column, model in RMS_OF.items()}
-    held_out_gain = diagnosis.held_out
-    if held_out_gain is not None:
-        row |= dict(zip(GAIN_COLUMNS, (held_out_gain.gain, *held_out_gain.interval), strict=True))
-    counts = (diagnosis.extended.used.sum(), len(diagnosis.excluded), *diagnosis.visible)
-    return row | dict(zip(COUNT_COLUMNS, counts, strict=True))

@@ -129,7 +129,13 @@ def check_measurements(
     if model.arm.masses is None:
         notes.append(Note("masses_not_stated", {"arm": model.arm.name}))
     predicted_rms = as_stated.predicted_rms
-    if noise_unknown := _noise_not_stated(model, records, setup):
+    noise_unknown = []
+    if model.arm.encoder_noise is None and setup.encoder_noise is None:
+        noise_unknown.append("readings")
+    u_stated = np.isfinite(records.reference_u[records.known]).all()
+    if not u_stated and setup.reference_noise is None:
+        noise_unknown.append("references")
+    if noise_unknown:
         notes.append(Note("prediction_without_noise", {"of": noise_unknown}))
     chi2_stated = calibrated.chi2_stated
     if chi2_stated is not None and not chi2_stated.acceptable:
@@ -166,14 +172,3 @@ def _limit_notes(arm: Arm, records: Measurements) -> list[Note]:
         }
         notes.append(Note("outside_limits", data))
     return notes
-
-
-def _noise_not_stated(model: ErrorModel, records: Measurements, setup: Setup) -> list[str]:
-    """What has no stated noise: ``readings``, ``references``."""
-    unknown = []
-    if model.arm.encoder_noise is None and setup.encoder_noise is None:
-        unknown.append("readings")
-    stated = np.isfinite(records.reference_u[records.known]).all()
-    if not stated and setup.reference_noise is None:
-        unknown.append("references")
-    return unknown

@@ -103,23 +103,19 @@ def evidences(
 
 
 def likeliest(tried: Sequence[Effect], log_odds: Array) -> Effect:
-    """The effect with the largest evidence, or one with nearly this evidence and a value that
-    machines are made with.
+    """The effect with the largest evidence, between the values that were tried, or one with nearly
+    this evidence and a value that machines are made with.
     """
     best = int(np.argmax(log_odds))
     preferred = [k for k, effect in enumerate(tried) if effect.nonlinear.is_preferred(effect)]
     likeliest_preferred = max(preferred, key=lambda k: log_odds[k], default=best)
     if preferred and log_odds[likeliest_preferred] > log_odds[best] - EXCEPTIONAL:
         return tried[likeliest_preferred]
-    return _at_the_top(tried, log_odds, best)
-
-
-def _at_the_top(tried: Sequence[Effect], log_odds: Array, best: int) -> Effect:
-    """The effect at the top of the parabola through the best of those tried and its neighbours."""
     effect = tried[best]
     nonlinear = effect.nonlinear
     if not nonlinear.prior_sd(effect) or not 0 < best < len(tried) - 1:
         return effect
+    # The top of the parabola through the best and its neighbours.
     near = slice(best - 1, best + 2)
     values = np.array([nonlinear.value(neighbour) for neighbour in tried[near]])
     bend, slope, _ = np.polyfit(values - values[1], log_odds[near], 2)
@@ -191,10 +187,18 @@ class NonlinearInterval(NamedTuple):
     high: float
 
 
-def interval_of_step(choice: Choice, block: int, name: str) -> NonlinearInterval:
-    """Of the nonlinear parameter ``name`` at which a block steps, such as the time of a slip, by
-    the evidence of values nearby, each for the gap around it.
+def nonlinear_interval(choice: Choice, block: int, effect: Effect) -> NonlinearInterval | None:
+    """Of the nonlinear parameter of a block's estimated effect; None if the records do not
+    determine it. That of a step, such as the time of a slip, is by the evidence of values nearby,
+    each for the gap around it.
     """
+    name = effect.nonlinear.field
+    if not name or effect.nonlinear.prior_sd(effect):
+        u = choice.fit.nonlinear_u.get((effect.key, name))
+        if u is None:
+            return None
+        value = float(getattr(effect, name))
+        return NonlinearInterval(u, value - 2.0 * u, value + 2.0 * u)
     candidates = choice.candidates
     records = choice.fit.problem.measurements
     effect_of_block = choice.variant(block).at(())

@@ -23,7 +23,7 @@ from aacmm_pin.diagnosis.candidates import is_change
 from aacmm_pin.diagnosis.choice import Choice
 from aacmm_pin.diagnosis.design_matrix import typical_of
 from aacmm_pin.diagnosis.held_out_gain import Brought, Gain, HeldOut, cause_gain
-from aacmm_pin.diagnosis.nonlinear_parameters import NonlinearInterval, interval_of_step
+from aacmm_pin.diagnosis.nonlinear_parameters import nonlinear_interval
 from aacmm_pin.diagnosis.significance import Alias, aliases_of, family_wise_p_value, retained
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
 from aacmm_pin.diagnosis.unexplained import Unexplained
@@ -356,12 +356,8 @@ def too_good(extended: Fit) -> bool:
 
 def findings_of(model: ErrorModel, choice: Choice, held_out: HeldOut) -> list[Finding]:
     """The causes, strongest first, with the values of the last refit; geometric values last."""
-
-    def is_geometric(finding: Finding) -> bool:
-        return bool(geometric_parameters(model.arm, finding.effect))
-
     findings = [_finding(model, choice, held_out, block) for block in choice.causes]
-    return sorted(findings, key=is_geometric)
+    return sorted(findings, key=lambda f: bool(geometric_parameters(model.arm, f.effect)))
 
 
 def _finding(model: ErrorModel, choice: Choice, held_out: HeldOut, block: int) -> Finding:
@@ -379,7 +375,7 @@ def _finding(model: ErrorModel, choice: Choice, held_out: HeldOut, block: int) -
     u = np.sqrt(np.diag(covariance))
     effect = effect.at(effect.values, tuple(u))
     reported, nonlinear_values = effect, {}
-    interval = _nonlinear_interval(choice, block, effect)
+    interval = nonlinear_interval(choice, block, effect)
     if interval is not None:
         name = effect.nonlinear.field
         nonlinear_values = {name: (float(getattr(effect, name)), interval.u)}
@@ -411,18 +407,6 @@ def _finding(model: ErrorModel, choice: Choice, held_out: HeldOut, block: int) -
         beside=whole_arm,
         was=next(known_before, None),
     )
-
-
-def _nonlinear_interval(choice: Choice, block: int, effect: Effect) -> NonlinearInterval | None:
-    """Of the nonlinear parameter of a cause; None if the records do not determine it."""
-    name = effect.nonlinear.field
-    if name and not effect.nonlinear.prior_sd(effect):
-        return interval_of_step(choice, block, name)
-    u = choice.fit.nonlinear_u.get((effect.key, name))
-    if u is None:
-        return None
-    value = float(getattr(effect, name))
-    return NonlinearInterval(u, value - 2.0 * u, value + 2.0 * u)
 
 
 def estimated(choice: Choice) -> Iterator[tuple[Effect, Array]]:

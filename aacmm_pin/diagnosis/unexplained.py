@@ -344,51 +344,36 @@ def run_order_of(choice: Choice) -> RunOrder | None:
     """The joint, or the tip, with the largest autocorrelation in the order of time, else of the
     rows; None if it is not significant.
 
-    For independent residuals of n records, the lag-1 autocorrelation has a standard deviation of
-    ``1/√n`` (Bartlett 1946, J. R. Stat. Soc. B 8).
-    """
-    residuals_by_joint = [*signed_residuals(choice).items()]
-    run_orders = []
-    for joint, residuals in residuals_by_joint:
-        finite_residuals = residuals[np.isfinite(residuals).all(axis=1)]
-        if len(finite_residuals) < FEWEST_IN_ORDER:
-            continue
-        centred = finite_residuals - finite_residuals.mean(axis=0)
-        correlation = float((centred[1:] * centred[:-1]).sum() / np.square(centred).sum())
-        numbers = centred.size
-        p_value = float(chi2_sf(numbers * correlation**2, 1)) * len(residuals_by_joint)
-        limit = float(ndtri(0.975) / np.sqrt(numbers))
-        run_orders.append(
-            RunOrder(joint, correlation, limit, min(p_value, 1.0), len(finite_residuals))
-        )
-    significant = [
-        run_order
-        for run_order in run_orders
-        if run_order.correlation > 0.0 and run_order.p_value < THRESHOLDS.left
-    ]
-    return min(significant, key=lambda run_order: run_order.p_value, default=None)
-
-
-def signed_residuals(choice: Choice) -> dict[int | None, Array]:
-    """Whitened residuals of the used records beyond all that was found, in the order of time: of
-    each joint along its displacement (n, 1), nan if it has none; of the tip (n, 3) under None.
+    Whitened residuals beyond all that was found count along the displacement by each joint, or as
+    they are for the tip. For independent residuals of n records, the lag-1 autocorrelation has a
+    standard deviation of ``1/√n`` (Bartlett 1946, J. R. Stat. Soc. B 8).
     """
     fit = choice.design.fit
-    records = fit.problem.measurements
-    order = records.order_in_time
-    order = order[choice.fit.used[order]]
-    residuals = choice.noise.whitened(choice.deviations)[order, :3]
-    joint_rows = fit.problem.model.arm.chain.moving_rows()
-    by_joints = displacements(fit, [JointZeroOffset(row) for row in joint_rows])
-    by_joints = choice.noise.whitening[order, :3, :3] @ by_joints[order, :3]
+    residuals = choice.noise.whitened(choice.deviations)[:, :3]
+    counts = choice.fit.used & np.isfinite(residuals).all(axis=1)
+    order = fit.problem.measurements.order_in_time
+    order = order[counts[order]]
+    residuals = residuals[order]
+    joint_rows = [int(row) for row in fit.problem.model.arm.chain.moving_rows()]
+    by_joints = displacements(fit, [*map(JointZeroOffset, joint_rows)])[order, :3]
+    by_joints = choice.noise.whitening[order, :3, :3] @ by_joints
+    levers = np.linalg.norm(by_joints, axis=1)
+    is_displaced = levers > LEAST_PART_OF_LEVER * levers.max(axis=0, initial=0.0)
+    along = np.einsum("nij,ni->nj", by_joints, residuals) / np.where(is_displaced, levers, 1.0)
     residuals_by_joint: dict[int | None, Array] = {None: residuals}
     for number, joint_row in enumerate(joint_rows):
-        levers = np.linalg.norm(by_joints[:, :, number], axis=1)
-        is_displaced = levers > LEAST_PART_OF_LEVER * levers.max(initial=0.0)
-        along = np.einsum("ni,ni->n", by_joints[:, :, number], residuals)
-        signed = along / np.where(is_displaced, levers, 1.0)
-        residuals_by_joint[int(joint_row)] = np.where(is_displaced, signed, np.nan)[:, None]
-    return residuals_by_joint
+        residuals_by_joint[joint_row] = along[is_displaced[:, number], number, None]
+    significant = []
+    for joint, of_joint in residuals_by_joint.items():
+        if len(of_joint) < FEWEST_IN_ORDER:
+            continue
+        centred = of_joint - of_joint.mean(axis=0)
+        correlation = float((centred[1:] * centred[:-1]).sum() / np.square(centred).sum())
+        p_value = float(chi2_sf(centred.size * correlation**2, 1)) * len(residuals_by_joint)
+        if correlation > 0.0 and p_value < THRESHOLDS.left:
+            limit = float(ndtri(0.975) / np.sqrt(centred.size))
+            significant.append(RunOrder(joint, correlation, limit, p_value, len(of_joint)))
+    return min(significant, key=lambda run_order: run_order.p_value, default=None)
 
 
 def odd_groups(choice: Choice) -> list[OddGroup]:
