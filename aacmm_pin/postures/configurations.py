@@ -34,7 +34,7 @@ from aacmm_pin.postures.postures_at_point import (
     missing_notes,
     open_curve_notes,
 )
-from aacmm_pin.postures.solution_curves import Curves, all_curves
+from aacmm_pin.postures.solution_curves import all_curves
 from aacmm_pin.postures.wrist import WRIST_ROW, Wrist, reach_of_wrist
 
 if TYPE_CHECKING:
@@ -148,7 +148,8 @@ def configuration_circle(
     count = whole(count, 3, "count")
     if axis is not None and rest is not None:
         raise AacmmError("rest cannot be combined with axis")
-    curves, components = _curves(arm, place[None], purpose, STARTS, axis, rest)
+    components = _curves(arm, place[None], purpose, STARTS, axis, rest)
+    curves = components.found
     wrist = components.wrist
     notes = open_curve_notes(curves.curves) + [Note("arm_degenerate")] * curves.degenerate
     notes += wrist.notes if wrist is not None and rest is None else []
@@ -228,7 +229,8 @@ def reach_of_points(
     """Reachability of ``points`` (m, 3) [m] by the wrist, or by the tip with the stylus along
     ``axis`` (3,), over equal ``sectors`` of swivel; errors name the ``purpose``.
     """
-    curves, components = _curves(arm, points, purpose, STARTS_IN_MAP, axis)
+    components = _curves(arm, points, purpose, STARTS_IN_MAP, axis)
+    curves = components.found
     with_curves = [curve.problem for curve in curves.curves]
     open_curves = [curve.problem for curve in curves.curves if not curve.closed]
     reachable = np.zeros(len(points), dtype=bool)
@@ -246,7 +248,7 @@ def _curves(
     starts_of_wrist: int,
     axis: ArrayLike | None,
     rest: ArrayLike | None = None,
-) -> tuple[Curves, Components]:
+) -> Components:
     """Curves of the wrist with the other joints at ``rest``, or of the tip along ``axis``."""
     dh = arm.require_dh(purpose, revolute=True)
     wrist = None
@@ -256,5 +258,4 @@ def _curves(
     else:
         equations = Equations.of_axis(dh.chain.links(), points, *directed_stylus(arm, axis))
         curves = all_curves(equations, STARTS)
-    components = Components(Swivel(dh, arm.up), curves.equations, points, curves.curves, wrist)
-    return curves, components
+    return Components(Swivel(dh, arm.up), points, curves, wrist)

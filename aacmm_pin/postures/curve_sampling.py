@@ -14,7 +14,7 @@ from aacmm_pin._support.display import Shown
 from aacmm_pin.arm import inside_part, into_limits, outside_limits
 from aacmm_pin.postures.elbow_swivel import Swivel
 from aacmm_pin.postures.pose_equations import Equations
-from aacmm_pin.postures.solution_curves import Curve, following
+from aacmm_pin.postures.solution_curves import Curve, Curves, following
 from aacmm_pin.postures.wrist import Wrist
 
 FINER = 16
@@ -56,17 +56,20 @@ class Components:
     """Closed curves of postures that reach one or many points.
 
     Attributes:
-        equations: of the curves.
         points: working points (m, 3) [m].
-        curves: each with the number of its point.
+        found: curves, each with the number of its point.
         wrist: completes postures from joints 1 to 4; None if the curves have all joints.
     """
 
     swivel: Swivel
-    equations: Equations
     points: Array
-    curves: list[Curve]
+    found: Curves
     wrist: Wrist | None
+
+    @property
+    def curves(self) -> list[Curve]:
+        """The curves."""
+        return self.found.curves
 
     def full(self, q: Array) -> Array:
         """All joints (n, nq) from the joints of the curves."""
@@ -115,7 +118,7 @@ class Components:
         guess = np.linspace(pieces.start[which], pieces.end[which], cuts, axis=1)
         joints = guess.shape[2]
         problem = np.repeat(pieces.problem[which], cuts)
-        q, arrived = self.equations.polish(guess.reshape(-1, joints), problem)
+        q, arrived = self.found.equations.polish(guess.reshape(-1, joints), problem)
         swivel = self.angle(q, problem).reshape(-1, cuts)
         q = q.reshape(-1, cuts, joints)
         swivel_change = wrapped(np.diff(swivel, axis=1)).ravel()
@@ -222,7 +225,7 @@ def _solutions_at_swivel(
 
     def posture(fraction: Array, row: Index) -> tuple[Array, Mask]:
         guess = start[row] + fraction[:, None] * chord[row]
-        return components.equations.polish(guess, problem[row])
+        return components.found.equations.polish(guess, problem[row])
 
     def gap(fraction: Array, row: Index) -> Array:
         q, _ = posture(fraction, row)

@@ -77,13 +77,10 @@ class Equations:
 
 def rotation_between(u: Array, v: Array) -> Array:
     """Takes the unit vector u to the unit vector v."""
-    frames = []
-    for direction in (u, v):
-        other = np.eye(3)[np.argmin(np.abs(direction))]
-        second = np.cross(direction, other)
-        second /= np.linalg.norm(second)
-        frames.append(np.column_stack([direction, second, np.cross(direction, second)]))
-    return np.asarray(frames[1] @ frames[0].T)
+    from scipy.spatial.transform import Rotation
+
+    rotation, _ = Rotation.align_vectors(v, u)
+    return np.asarray(rotation.as_matrix())
 
 
 def _in_axes(links: Array, rotation: Array) -> Array:

@@ -71,7 +71,7 @@ class PosturesAtPoint(Shown):
         """Return the columns of ``aacmm-pin configurations``, each ``(n,)``; x, y and z by
         Pinocchio.
         """
-        broken = [_joints(row) for row in self.broken]
+        broken = [" ".join(map(str, np.flatnonzero(row) + 1)) for row in self.broken]
         table: dict[str, Any] = {"component": self.component, "swivel_deg": self.swivel / DEG}
         table |= {f"theta{j + 1}_deg": self.q[:, j] / DEG for j in range(self.arm.nq)}
         table |= {"within_limits": self.within_limits, "broken_limits": broken}
@@ -79,33 +79,9 @@ class PosturesAtPoint(Shown):
         table |= {f"{axis}_mm": position[:, i] for i, axis in enumerate("xyz")}
         return table
 
-    def summary(self) -> pd.DataFrame:
-        """Return a table of components: number of postures, number within limits, and joints
-        outside their limits.
-        """
-        import pandas as pd
-
-        rows = []
-        for number in np.unique(self.component):
-            members = self.component == number
-            rows.append(
-                {
-                    "component": number,
-                    "configurations": members.sum(),
-                    "within_limits": self.within_limits[members].sum(),
-                    "joints_outside_limits": _joints(self.broken[members].any(axis=0)),
-                }
-            )
-        return pd.DataFrame(rows)
-
     def _where(self) -> str:
         place = ", ".join(map(plain_mm, self.point))
         return f"{self.arm.name}, with {self.at} at ({place}) mm"
-
-
-def _joints(flags: Mask) -> str:
-    numbers = np.flatnonzero(flags) + 1
-    return " ".join(map(str, numbers))
 
 
 def open_curve_notes(curves: Iterable[Curve]) -> list[Note]:

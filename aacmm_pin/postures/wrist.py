@@ -27,7 +27,7 @@ MOST_LEVER = 0.01
 """A larger distance is by design; the largest residue of SINO6 is 0.7 mm [m]."""
 GRID = 16
 """Angles of each of joints 1 to 4 to search for the reach."""
-STARTS = 4
+LOCAL_SEARCHES = 4
 """Starts of a local search: 25 random arms all had the reach that 16 starts find."""
 
 
@@ -123,20 +123,20 @@ def box_of_wrist(wrist: Wrist) -> Array:
 
 
 def _extremes(wrist: Wrist, value_at: Callable[[Array], Array]) -> tuple[float, float]:
-    """Least and largest value over all postures, of a function of the wrist's place (…, 3) [m]: a
-    grid, then local searches.
-    """
+    """Least and largest value over all postures, of a function of the wrist's place (…, 3) [m]."""
+    return _least(wrist, value_at), -_least(wrist, lambda at: -value_at(at))
+
+
+def _least(wrist: Wrist, value_at: Callable[[Array], Array]) -> float:
+    """Of a grid, then of local searches."""
+
+    def value(q: Array) -> Array:
+        return value_at(wrist.table.chain.positions(q.reshape(-1, POSITIONING)))
+
     angles = np.linspace(-np.pi, np.pi, GRID, endpoint=False)
-    axes = np.meshgrid(*[angles] * POSITIONING, indexing="ij")
-    grid = np.stack(axes, axis=-1).reshape(-1, POSITIONING)
-    values = value_at(wrist.table.chain.positions(grid))
-    extremes = []
-    for sign in (1.0, -1.0):
-
-        def signed(q: Array, sign: float = sign) -> float:
-            return sign * float(value_at(wrist.table.chain.positions(q[None]))[0])
-
-        starts = grid[np.argsort(sign * values)[:STARTS]]
-        ends = [scipy.optimize.minimize(signed, q, method="BFGS") for q in starts]
-        extremes.append(sign * min(float(end.fun) for end in ends))
-    return extremes[0], extremes[1]
+    grid = np.stack(np.meshgrid(*[angles] * POSITIONING), axis=-1).reshape(-1, POSITIONING)
+    starts = grid[np.argsort(value(grid))[:LOCAL_SEARCHES]]
+    return min(
+        float(scipy.optimize.minimize(lambda q: value(q)[0], start, method="BFGS").fun)
+        for start in starts
+    )

@@ -152,5 +152,5 @@ def exact_sectors(arm: NominalArm, points: Array) -> NDArray[np.int64]:
     """
     wrist, swivel = Wrist.of(arm.dh), Swivel(arm.dh, np.array([0.0, 0.0, -1.0]))
     curves = all_curves(wrist.equations(points), STARTS_IN_MAP)
-    components = Components(swivel, curves.equations, points, curves.curves, wrist)
+    components = Components(swivel, points, curves, wrist)
     return np.asarray(Sectors.of(components, LIMITS, SECTORS).working.sum(axis=1))
