@@ -211,15 +211,17 @@ def _sizes_in_words(split: tuple[Effect, Effect], before: Power | None) -> Itera
 
 def _why_not(split: tuple[Effect, Effect], power: Power) -> str:
     """Why no posture distinguishes two causes, or ""."""
-    undetectable = np.array(power.alone) <= UNDETECTABLE
+    undetectable = power.separation.alone <= UNDETECTABLE
     if undetectable.any():
         labels = compress((effect.label for effect in split), undetectable)
         return f"no posture shows {' or '.join(labels)}"
-    if not power.inseparable:
+    own_effects = power.separation.own_effects
+    first_has, second_has = own_effects[0, 1], own_effects[1, 0]
+    if first_has and second_has:
         return ""
-    if power.open == (False, False):
+    if not first_has and not second_has:
         return str(Note("causes_inseparable"))
-    inner, outer = split[::-1] if power.open[0] else split
+    inner, outer = split[::-1] if first_has else split
     return f"{outer.label} can have every effect of {inner.label}"
 
 

@@ -168,7 +168,7 @@ class MeasurementPlan(PlanOfRecords):
 
 def _power(power: Power) -> dict[str, Any]:
     return {
-        "T": [power.one, power.other],
-        "alone": list(power.alone),
+        "T": [float(power.separation.distances[pair]) for pair in ((0, 1), (1, 0))],
+        "alone": power.separation.alone.tolist(),
         "probability": power.probability,
     }

@@ -42,39 +42,6 @@ def size_of(effect: Effect) -> Array:
     return scaled[:, None]
 
 
-@dataclass(frozen=True)
-class Power(Shown):
-    """How well two causes are distinguished.
-
-    Attributes:
-        one, other: ``T = min ‖G_k β_k - Z η - G_l β_l‖²`` if the first cause is true; the second.
-        alone: ``min ‖G_k β_k - Z η‖²`` of each, the detectable effect.
-        probability: of the right decision by evidence.
-    """
-
-    one: float
-    other: float
-    alone: tuple[float, float]
-    probability: float
-
-    @property
-    def least(self) -> float:
-        """The smaller T, which decides."""
-        return min(self.one, self.other)
-
-    @property
-    def open(self) -> tuple[bool, bool]:
-        """Whether each has effects that the other cannot have."""
-        distances = np.array([self.one, self.other])
-        one, other = _has_own_effects(distances, np.array(self.alone)).tolist()
-        return one, other
-
-    @property
-    def inseparable(self) -> bool:
-        """Whether the effects of one are none, or such as the other can have."""
-        return not all(self.open)
-
-
 class Separation(NamedTuple):
     """Distances of the effects of causes.
 
@@ -109,10 +76,15 @@ class Separation(NamedTuple):
         detectable = np.flatnonzero(self.alone > UNDETECTABLE)
         return [*combinations(detectable.tolist(), 2)]
 
+    @property
+    def own_effects(self) -> Mask:
+        """Whether cause k is detectable, and has effects that l cannot have (causes, causes)."""
+        alone = self.alone[:, None]
+        return (alone > UNDETECTABLE) & (self.distances > SAME_FRACTION * alone)
+
     def same(self, pair: Pair) -> bool:
         """Whether one can have every effect of the other, or is not detectable."""
-        has_own_effects = _has_own_effects(self.distances, self.alone[:, None])
-        return not (has_own_effects[pair] and has_own_effects[pair[::-1]])
+        return not (self.own_effects[pair] and self.own_effects[pair[::-1]])
 
     def least(self, pair: Pair) -> float:
         """The smaller distance of a pair."""
@@ -123,9 +95,27 @@ class Separation(NamedTuple):
         return min(pairs, key=self.least)
 
 
-def _has_own_effects(distances: Array, alone: Array) -> Mask:
-    """Whether causes are detectable, and have effects that others cannot have."""
-    return (alone > UNDETECTABLE) & (distances > SAME_FRACTION * alone)
+@dataclass(frozen=True)
+class Power(Shown):
+    """How well two causes are distinguished.
+
+    Attributes:
+        separation: of the two, if the first or the second is true.
+        probability: of the right decision by evidence.
+    """
+
+    separation: Separation
+    probability: float
+
+    @property
+    def least(self) -> float:
+        """The smaller T, which decides."""
+        return self.separation.least((0, 1))
+
+    @property
+    def inseparable(self) -> bool:
+        """Whether the effects of one are none, or such as the other can have."""
+        return self.separation.same((0, 1))
 
 
 def power_of(r: Array, blocks: Sequence[slice], sizes: Sequence[Array]) -> Power:
@@ -133,13 +123,12 @@ def power_of(r: Array, blocks: Sequence[slice], sizes: Sequence[Array]) -> Power
 
     The probability is that the true cause has the larger evidence, both as likely.
     """
-    distances, (first, second) = Separation.of(r, blocks, sizes)
+    separation = Separation.of(r, blocks, sizes)
+    first, second = separation.alone.tolist()
     one, other = (r[:, block] for block in blocks)
     if_first = _right_decision(one, other, sizes[0], first)
     if_second = _right_decision(other, one, sizes[1], second)
-    probability = (if_first + if_second) / 2
-    alone = (float(first), float(second))
-    return Power(float(distances[0, 1]), float(distances[1, 0]), alone, probability)
+    return Power(separation, (if_first + if_second) / 2)
 
 
 def _right_decision(true: Array, other: Array, size: Array, detectable: float) -> float:
