@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from aacmm_pin._support.checks import Array, Mask, batch
+from aacmm_pin._support.checks import Array, batch
 from aacmm_pin._support.display import Shown
 from aacmm_pin._support.units import MM, plain_mm
 from aacmm_pin.accuracy.tip_sensitivity import ErrorSources, omission
@@ -56,7 +56,7 @@ class LengthUncertainty(Shown):
     def u(self) -> Array:
         """The standard uncertainty for each pair of postures, ``(n, m)`` [m]."""
         a, b = map(self.sources.independent, self.contributions)
-        shared = _shared(self.sources)
+        shared = self.sources.lasting
         variance_a = np.square(a).sum(axis=1)
         separate = variance_a[:, None] + np.square(b).sum(axis=1)
         shared_covariance = 2.0 * a[:, shared] @ b[:, shared].T
@@ -74,7 +74,7 @@ class LengthUncertainty(Shown):
         :meth:`AccuracyVolume.budget`.
         """
         a, b = self.contributions
-        shared = _shared(self.sources)
+        shared = self.sources.lasting
         cross_products = np.outer(a.mean(axis=0) * shared, b.mean(axis=0) * shared)
         mean_products = a.T @ a / len(a) + b.T @ b / len(b)
         mean_products -= cross_products + cross_products.T
@@ -122,8 +122,3 @@ def length_uncertainty(
     direction = (second - first) / length
     along_a, along_b = (sources.u * (direction @ sources.sensitivity(q)) for q in ends)
     return LengthUncertainty(sources, *ends, length, (along_a, along_b))
-
-
-def _shared(sources: ErrorSources) -> Mask:
-    """Sources with one error at both ends (p,); those new in each record are uncorrelated."""
-    return np.array([p.scope != "record" for p in sources.parameters])

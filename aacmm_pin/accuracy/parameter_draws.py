@@ -96,14 +96,13 @@ def _corners(sources: ErrorSources, generators: Array, rng: np.random.Generator,
 
 
 def source_errors(sources: ErrorSources, rng: np.random.Generator, m: int) -> Array:
-    """Random errors (m, p): rectangular between bounds half-width/√3 = u, else normal; jointly
-    normal if correlated (JCGM 101:2008, 6.4).
-    """
-    normal = rng.normal(size=(m, len(sources.parameters)))
-    errors = (normal if sources.axes is None else normal @ sources.axes.T) * sources.u
-    for i, half_width in zip(sources.bounded, sources.half_widths, strict=True):
-        if np.isclose(half_width, np.sqrt(3.0) * sources.parameters[i].u, rtol=1e-9, atol=0.0):
-            errors[:, i] = rng.uniform(-1.0, 1.0, size=m) * half_width
+    """Random errors (m, p), and normal ones of readings."""
+    model = sources.model
+    noise = rng.normal(size=(m, sources.arm.nq))
+    columns = np.array(sources.columns)
+    errors = np.hstack([parameter_errors(model, rng, m), noise])[:, columns]
+    is_noise = columns >= len(model.parameters)
+    errors[:, is_noise] *= sources.u[is_noise]
     return errors
 
 

@@ -19,7 +19,7 @@ import scipy
 from numpy.typing import ArrayLike
 
 from aacmm_pin._support import plausible
-from aacmm_pin._support.checks import Array, Index, vector
+from aacmm_pin._support.checks import Array, Index, Mask, vector
 from aacmm_pin._support.display import Shown
 from aacmm_pin._support.notes import Note
 from aacmm_pin._support.units import MM, count
@@ -142,6 +142,11 @@ class ErrorSources(Shown):
     def u(self) -> Array:
         """(p,) [SI]."""
         return np.array([p.u for p in self.parameters])
+
+    @property
+    def lasting(self) -> Mask:
+        """Those with one error in all records (p,)."""
+        return np.array([p.scope != "record" for p in self.parameters])
 
     @property
     def bounded(self) -> tuple[int, ...]:

@@ -86,7 +86,7 @@ class AccuracyVolume(Shown):
         of_base = rigid_motions(positions)
         parts = _parts(self.q, self.conditions)
         sensitivity = np.concatenate([self.sources.sensitivity(*part) for part in parts])
-        lasting = [p.scope != "record" for p in self.sources.parameters]
+        lasting = self.sources.lasting
         effects = sensitivity[:, :, lasting].reshape(positions.size, -1)
         base_motions, *_ = np.linalg.lstsq(of_base.reshape(-1, 6), effects)
         sensitivity[:, :, lasting] -= of_base @ base_motions
