@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
@@ -21,7 +22,7 @@ MOST_DIAMETER_FACTOR = 4.0
 middle, nine within 60°.
 """
 INSIDE = 1e-10
-"""Part of the radius outside which a point still counts as on it."""
+"""Part of the radius by which a point outside still counts as on it."""
 
 
 class FittedSphere(NamedTuple):
@@ -76,24 +77,17 @@ def fitted_sphere(points: ArrayLike) -> FittedSphere:
 
 
 def smallest_sphere(points: Array) -> tuple[Array, float]:
-    """Centre (3,) and radius [m] of the smallest sphere around ``points`` (n, 3) (Welzl 1991)."""
-    middle = points.mean(axis=0)
-    center, radius = _welzl([*(points - middle)], [])
-    return center + middle, radius
-
-
-def _welzl(points: list[Array], on: list[Array]) -> tuple[Array, float]:
-    """Centre and radius of the smallest sphere around ``points``, through up to four ``on`` it."""
-    center, radius = np.zeros(3), -1.0  # contains no point
-    if on:
-        edges = np.array(on[1:]).reshape(-1, 3) - on[0]
-        offset = np.zeros(3)
-        if len(edges):
+    """Centre (3,) and radius [m] of the smallest sphere around ``points`` (n, 3): the smallest
+    through one to four of them that encloses all.
+    """
+    smallest, radius = points.mean(axis=0), np.inf
+    for count in range(1, 5):
+        for on in combinations(points, count):
+            edges = np.array(on) - on[0]
             offset, *_ = np.linalg.lstsq(2 * edges, np.sum(edges**2, axis=1))
-        center, radius = on[0] + offset, float(np.linalg.norm(offset))
-    if len(on) == 4:
-        return center, radius
-    for k, point in enumerate(points):
-        if np.linalg.norm(point - center) > radius * (1 + INSIDE):
-            center, radius = _welzl(points[:k], [*on, point])
-    return center, radius
+            center = on[0] + offset
+            farthest = np.linalg.norm(points - center, axis=1).max()
+            through = float(np.linalg.norm(offset))
+            if farthest <= through + INSIDE * farthest and through < radius:
+                smallest, radius = center, through
+    return smallest, radius
