@@ -273,21 +273,6 @@ class Arm(Shown):
             file = _with_urdf(file, translation_half_width_mm=0.0, rotation_half_width_rad=0.0)
         return _corrected(self.nominal, file, self.mimics)
 
-    def with_joint_axis(self, joint: int, axis: Array) -> Arm:
-        """Return the arm with another joint axis, by the placements of this joint and the next.
-
-        Args:
-            joint: from 1; not the last.
-            axis: unit vector in the axes of the placement ``(3,)``.
-        """
-        rotation = onto_z(axis) @ onto_z(self.joint_axes[joint - 1]).T
-        following = self.model.jointPlacements[joint + 1]
-        rotated_back = following.inverse() * pin.SE3(rotation.T, np.zeros(3)) * following
-        steps = np.zeros((self.nq, 6))
-        steps[joint - 1] = pin.log6(pin.SE3(rotation, np.zeros(3))).vector
-        steps[joint] = pin.log6(rotated_back).vector
-        return self.with_placements(steps, None)
-
     def with_encoder_noise(self, noise: Array) -> Arm:
         """Return the arm, and its file, with these standard uncertainties of one reading ``(nq,)``
         [rad].

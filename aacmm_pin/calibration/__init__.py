@@ -13,7 +13,6 @@ from aacmm_pin.calibration.identifiability import Observability
 from aacmm_pin.calibration.input_mistakes import (
     first_fit,
     mistakes_of,
-    require_bars_that_agree,
 )
 from aacmm_pin.calibration.least_squares import (
     inverse_of_factor,
@@ -84,7 +83,6 @@ __all__ = [
     "registered",
     "remaining_triangle",
     "repeatability_of",
-    "require_bars_that_agree",
     "residuals_by_record",
     "rms",
     "rms_residual",

@@ -19,7 +19,6 @@ from aacmm_pin._support.units import MM
 from aacmm_pin.arm import whole_turn_notes
 from aacmm_pin.calibration.calibrated_arm import temperature_of
 from aacmm_pin.calibration.cross_validation import enough_postures, held_out, rms
-from aacmm_pin.calibration.estimation import fit
 from aacmm_pin.calibration.fit import Fit
 from aacmm_pin.calibration.input_mistakes import FAR, first_fit, mistakes_of
 from aacmm_pin.calibration.noise_model import BAR_NOISE, contradictions, reference_u
@@ -27,11 +26,10 @@ from aacmm_pin.calibration.odd_relations import odd_relation
 from aacmm_pin.calibration.parameters import (
     ASSEMBLED,
     ParameterSet,
-    free_geometry,
+    is_reestimated,
     named_parameters,
     problem_of,
-    unidentifiable_lengths,
-    unused_offsets,
+    require_scale,
 )
 from aacmm_pin.calibration.result import Calibration
 from aacmm_pin.calibration.session_frames import in_first_frame, session_notes
@@ -44,12 +42,11 @@ from aacmm_pin.effects import (
     ErrorModel,
     GivenCause,
     GivenModel,
-    State,
     StylusOffset,
     as_causes,
     require_shown,
 )
-from aacmm_pin.errors import AacmmError, UnknownNameError, UnsupportedArmError
+from aacmm_pin.errors import AacmmError, UnknownNameError
 from aacmm_pin.measurements import (
     FEWEST_CONTACTS,
     GivenRecords,
@@ -63,17 +60,12 @@ from aacmm_pin.measurements import (
 )
 
 UNIT_RATIO = 100.0
-"""An uncertainty or torque so many times off may be in another unit (a factor of 1000)."""
+"""An uncertainty so many times off may be in another unit (a factor of 1000)."""
 BEST_REFERENCE = 2e-7
 """No coordinate is known better [m]: a measuring machine has 5e-7, a laser tracker 1e-5."""
 RECORDS_PER_POSTURE = 2
 """With more consecutive records of a posture on average, they read one contact."""
-SCATTER_WITHOUT_U = 0.5
-"""Stated uncertainties are too small if, without them, the scatter is below this part …"""
-FAR_OFF = 4.0
-"""… and some are farther off than so many standard uncertainties; …"""
 MOST_NAMED = 3
-"""… so many of them are named at most."""
 OTHER_DIAMETER = 5e-4
 """Spheres are others if their diameters, by contacts and as stated, differ more in the median
 [m].
@@ -178,13 +170,7 @@ def calibrate(
     notes_of_input += held_postures(measurements, setup)
     measurements, setup = in_first_frame(model, measurements, setup)
     problem = problem_of(model, measurements, chosen, setup)
-    if lengths := unidentifiable_lengths(problem):
-        raise AacmmError(
-            f"{measurements.source}: seats without coordinates and bars do not determine the scale "
-            f"of the arm ({', '.join(lengths[:4])} …). Add coordinates, a bar of known length "
-            "or a known distance of planes, state the uncertainties of the arm, or estimate only "
-            "zero-offsets"
-        )
+    require_scale(problem)
     after = first_fit(problem, robust=robust)
     if not after.determines_noise:
         raise AacmmError(
@@ -192,7 +178,9 @@ def calibrate(
             f"{after.problem.scales.size} parameters and the coordinates of the seats, to estimate "
             "the noise. State the noise, take more records, or estimate fewer parameters"
         )
-    if unused := unused_offsets(model, measurements, setup, asked):
+    markers = [e for e in model.effects if e.place and is_reestimated(e, setup, measurements)]
+    unused = [effect.label for effect in markers if effect.label not in asked]
+    if unused and prior:
         notes_of_input.append(Note("places_unused", {"places": unused}))
     if len(measurements.extra.columns):
         notes_of_input.append(Note("columns_unused", {"columns": [*measurements.extra]}))
@@ -265,23 +253,19 @@ def held_postures(measurements: Measurements, setup: Setup) -> list[Note]:
 
 def _with_seats(measurements: Measurements) -> tuple[Measurements, Index]:
     """With seats for records without that repeat coordinates; and their numbers."""
-    seat = measurements.conditions.labels("seat").copy()
+    stated = measurements.conditions.labels("seat")
+    seat = stated.copy()
     table = pd.DataFrame(measurements.reference).assign(seat=seat)[measurements.known]
     repeated = table[table.duplicated([0, 1, 2], keep=False)]
-    seated = []
-    for _, of_point in repeated.groupby([0, 1, 2], sort=False):
-        alone = of_point.index[of_point["seat"] == ""].to_numpy()
+    for point, seats in repeated.groupby([0, 1, 2], sort=False)["seat"]:
+        alone = seats.index[seats == ""]
         # Of two without a seat, one may have the coordinates of the other by mistake.
-        if alone.size and len(of_point) >= (SEVERAL if alone.size == len(of_point) else 2):
-            point = ", ".join(f"{x / MM:.6g}" for x in measurements.reference[alone[0]])
-            label = next(filter(None, of_point["seat"]), f"at {point} mm")
-            seat[alone] = label
-            seated += alone.tolist()
-    if not seated:
-        return measurements, np.zeros(0, dtype=np.intp)
-    return replace(measurements, conditions=replace(measurements.conditions, seat=seat)), np.sort(
-        seated
-    )
+        if len(alone) < len(seats) or len(seats) >= SEVERAL:
+            place = ", ".join(f"{x:.6g}" for x in np.array(point) / MM)
+            seat[alone] = next(filter(None, seats), f"at {place} mm")
+    seated = np.flatnonzero(seat != stated)
+    conditions = replace(measurements.conditions, seat=seat)
+    return replace(measurements, conditions=conditions) if seated.size else measurements, seated
 
 
 def _notes_on_prior(after: Fit) -> Iterator[Note]:
@@ -315,7 +299,6 @@ def notes_of_records(after: Fit) -> Iterator[Note]:
     arm = after.problem.model.arm
     yield from whole_turn_notes(records.q, arm.limits, arm.chain.prismatic)
     yield from records.conditions.temperature_notes(arm.reference_temperature, True)
-    yield from _large_torques(after)
     for j in np.flatnonzero(arm.chain.prismatic) + 1:
         joint = {"joint": int(j)}
         yield Note("slide_units", joint)
@@ -355,24 +338,6 @@ def _notes_on_calibrated_arm(after: Fit) -> Iterator[Note]:
         yield Note("temperature_of_lengths", {"temperature": temperature, "stated": stated})
 
 
-def _large_torques(after: Fit) -> Iterator[Note]:
-    arm = after.problem.model.arm
-    records = after.problem.measurements
-    torque = records.conditions.torque
-    if torque is None:
-        return
-    state = State(arm, records.q, records.conditions, arm.chain.tip)
-    rows = [row for row in arm.chain.moving_rows() if not state.slides(row)]
-    try:
-        moments = [state.along_axis(row, state.moment_at_axis(row)) for row in rows]
-    except UnsupportedArmError:  # no masses
-        return
-    measured = float(np.nanmax(np.abs(torque), initial=0.0))
-    weight = float(np.max(np.abs(moments), initial=0.0))
-    if weight and measured >= UNIT_RATIO * weight:
-        yield Note("torques_large", {"torque": measured, "weight": weight})
-
-
 def _notes_on_noise(after: Fit) -> Iterator[Note]:
     setup = after.problem.setup
     if setup.encoder_noise is None:
@@ -380,7 +345,6 @@ def _notes_on_noise(after: Fit) -> Iterator[Note]:
     if after.noise_is_stated:
         if after.scatter > 0:
             yield Note("scatter_added", {"scatter": after.scatter_in_words})
-            yield from _binding_uncertainties(after)
         return
     unstated_noise = setup.unstated(after.problem.measurements)
     of_seats = after.noise.scatters.seat
@@ -395,23 +359,6 @@ def _notes_on_noise(after: Fit) -> Iterator[Note]:
     seats = int(after.observations.is_stated.sum())
     if of_seats and seats < FEW_SEATS:
         yield Note("few_seats", {"seats": seats})
-
-
-def _binding_uncertainties(after: Fit) -> Iterator[Note]:
-    """A note if, without these, the fit scatters much less, far from the arm file."""
-    problem = after.problem
-    stated_geometry = problem.stated & problem.vector.geometric
-    if not stated_geometry.any():
-        return
-    free = fit(free_geometry(problem), used=after.used)
-    over_u = np.abs(free.point.x - problem.start) / problem.widths
-    over_u[~stated_geometry] = 0.0
-    if free.scatter > SCATTER_WITHOUT_U * after.scatter or over_u.max() < FAR_OFF:
-        return
-    largest = np.argsort(-over_u)[:MOST_NAMED]
-    names = [problem.vector.names[k] for k in largest if over_u[k] > FAR_OFF]
-    data = {"scatter": free.scatter, "parameters": names, "off": float(over_u.max())}
-    yield Note("stated_values_hold", data)
 
 
 def contradiction_notes(after: Fit) -> Iterator[Note]:

@@ -2,51 +2,42 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from itertools import combinations, product
+from itertools import combinations, permutations, product
 from typing import Any
 
 import numpy as np
 
-from aacmm_pin._support.checks import Array
+from aacmm_pin._support.checks import Array, Index
 from aacmm_pin._support.notes import Note
 from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.arm import Arm, ArmFile
 from aacmm_pin.calibration.calibrated_arm import moved_arm
-from aacmm_pin.calibration.fit import Fit
 from aacmm_pin.calibration.parameters import asked_again
-from aacmm_pin.calibration.problem import Problem, registered
+from aacmm_pin.calibration.problem import Problem
 from aacmm_pin.calibration.wrong_columns import (
     LEAST_DIVISOR,
     QUARTERS,
     likely_columns,
     likely_orders,
 )
-from aacmm_pin.calibration.wrong_values import wrong_value
 from aacmm_pin.effects import StylusOffset
 
-ONE_TURN = 2 * np.pi
-"""A larger angle was hardly in radians [rad]."""
 SLIPS_OF_LENGTHS = (-1.0, 10.0, 0.1)
 LEAST_CHANGE = 4e-3
 """Least change of a length or twist that is a mistake [m, rad]."""
-EXCHANGED = {
-    ("a_mm", "d_mm", "alpha_rad", "theta_offset_rad"): "rows_exchanged",
-    ("a_mm",): "values_exchanged",
-    ("d_mm",): "values_exchanged",
-}
-"""Fields that two rows may have exchanged, and codes of the notes."""
+TABLE_KEYS = ("a_mm", "d_mm", "alpha_rad", "theta_offset_rad")
+GON = 0.9
+"""One gon [°]."""
 SLIDE_UNITS = {"mm": 1e-3, "centimetres": 1e-2, "inches": 0.0254}
 """Units of a prismatic joint's readings, in metres."""
-LEAST_SINE = 0.01
-"""A twist with a smaller sine has no sign."""
+JOINT_UNITS = {"gon": GON, "degrees": DEG, "radians": 1 / DEG}
+"""Units of one joint's angles; the factor that undoes them."""
 MOST_IN_RADIANS = 0.06
 """Twists all below this are right angles under a key for degrees [rad]."""
 SMALL_ARM = 0.25
 """Least sum of the lengths of an arm [m]."""
-GON = 0.9
-"""One gon [°]."""
 LENGTH_UNITS = {
     ("metres", "mm"): 1e3,
     ("centimetres", "mm"): 10.0,
@@ -81,6 +72,8 @@ class Mistake:
     """A hypothesis on the input: a mistake in a file or in the options, and what undoes it.
 
     Attributes:
+        also: notes on further mistakes that go with the first.
+        size: number of mistakes.
         matrix, offset: correct readings are ``matrix`` (nq, nq) times those in the file, plus
             ``offset`` (nq,) [rad, m].
         axes: matrix (3, 3) that multiplies coordinates; uncertainties stay.
@@ -94,6 +87,8 @@ class Mistake:
 
     code: str
     data: _Values = field(default_factory=dict)
+    also: tuple[Note, ...] = ()
+    size: int = 1
     matrix: Array | None = None
     offset: Array | float = 0.0
     axes: Array = field(default_factory=lambda: np.eye(3))
@@ -103,10 +98,8 @@ class Mistake:
     arm: Arm | None = None
     free_numbers: int = 0
 
-    @property
-    def changes_targets(self) -> bool:
-        """Whether it is in coordinates or lengths of bars."""
-        return bool(self.step or self.bars) or not np.array_equal(self.axes, np.eye(3))
+    def __str__(self) -> str:
+        return ", and ".join(map(str, (Note(self.code, self.data), *self.also)))
 
     def undone(self, problem: Problem) -> Problem:
         """Return the problem without the mistake."""
@@ -138,9 +131,6 @@ class Mistake:
         return replace(problem, measurements=changed, setup=setup, targets=())
 
 
-OTHER_FRAME = Mistake("other_frame", options={"reference_frame": "external"}, free_numbers=6)
-
-
 def single_mistakes(problem: Problem) -> Iterator[Mistake]:
     """One mistake each, without values that only a fit gives."""
     arm = problem.model.arm
@@ -151,10 +141,10 @@ def single_mistakes(problem: Problem) -> Iterator[Mistake]:
         yield from _mistakes_in_placements(arm)
     if problem.measurements.known.any():
         yield from _mistakes_in_coordinates(problem)
-    yield from _mistakes_in_bars(problem)
+    yield from mistakes_in_bars(problem)
 
 
-def _mistakes_in_bars(problem: Problem) -> Iterator[Mistake]:
+def mistakes_in_bars(problem: Problem) -> Iterator[Mistake]:
     """Bars that another unit makes as long as by the arm as described."""
     records = problem.measurements
     stated = {bar.bar: bar.length for bar in records.bars()}
@@ -162,11 +152,9 @@ def _mistakes_in_bars(problem: Problem) -> Iterator[Mistake]:
     ratios = dict(zip(stated, 1.0 + errors / [*stated.values()], strict=True))
     for (unit, taken), factor in LENGTH_UNITS.items():
         bars = [bar for bar, ratio in ratios.items() if abs(ratio / factor - 1.0) < SAME_UNIT]
-        if not bars:
-            continue
-        data = {"unit": unit, "taken": taken, "bars": bars}
-        code = "bars_unit" if len(bars) == len(stated) else "some_bars_unit"
-        yield Mistake(code, data, bars=dict.fromkeys(bars, factor))
+        if bars:
+            data = {"unit": unit, "taken": taken, "bars": bars}
+            yield Mistake("bars_unit", data, bars=dict.fromkeys(bars, factor))
 
 
 def _mistakes_in_coordinates(problem: Problem) -> Iterator[Mistake]:
@@ -177,8 +165,9 @@ def _mistakes_in_coordinates(problem: Problem) -> Iterator[Mistake]:
     if problem.external:  # where all mirror images are alike
         yield Mistake("coordinates_mirrored", axes=np.diag([1.0, 1.0, -1.0]))
     else:
-        yield from _exchanged_axes(tips, references)
-        yield OTHER_FRAME
+        yield from _exchanged_axes()
+        options = {"reference_frame": "external"}
+        yield Mistake("other_frame", options=options, free_numbers=6)
     has_offset = any(isinstance(effect, StylusOffset) for effect in problem.vector.effects)
     if problem.setup.target != "unknown" and not has_offset:
         yield Mistake("target_off_tip", options={"target": "unknown"}, free_numbers=3)
@@ -197,57 +186,56 @@ def _mistakes_in_coordinates(problem: Problem) -> Iterator[Mistake]:
             yield Mistake("rows_shifted", {"where": where}, step=step)
 
 
-def _exchanged_axes(tips: Array, references: Array) -> Iterator[Mistake]:
-    for handedness in (1.0, -1.0):
-        axes = np.round(handedness * registered(tips, handedness * references).rotation)
-        if (np.abs(axes).sum(axis=0) == 1.0).all() and not np.array_equal(axes, np.eye(3)):
-            order = np.abs(axes).argmax(axis=0)
-            signs = axes[order, np.arange(3)].tolist()
-            letters = ["-" * (sign < 0.0) + "xyz"[k] for k, sign in zip(order, signs, strict=True)]
+def _exchanged_axes() -> Iterator[Mistake]:
+    for order, signs in product(permutations(range(3)), product((1.0, -1.0), repeat=3)):
+        letters = ["-" * (sign < 0.0) + "xyz"[k] for k, sign in zip(order, signs, strict=True)]
+        if letters != [*"xyz"]:
+            axes = np.eye(3)[:, order] * signs
             yield Mistake("other_axes", {"axes": ", ".join(letters)}, axes=axes)
 
 
 def _mistakes_in_readings(problem: Problem) -> Iterator[Mistake]:
     arm = problem.model.arm
-    for j, largest in enumerate(np.abs(problem.measurements.readings).max(axis=0)):
-        slides = arm.chain.prismatic[j]
-        yield _reversed(j, arm.nq)
-        if not slides:
-            yield from (_turned(j, degrees, arm.nq) for degrees in QUARTERS[1:])
-        units = SLIDE_UNITS if slides else {"gon": GON}
-        if not slides and largest > ONE_TURN:
-            units = units | {"degrees": DEG}
-        elif not slides and largest <= ONE_TURN * DEG:
-            units = units | {"radians": 1 / DEG}
-        for unit, factor in units.items():
+    nq = arm.nq
+    for j, slides in enumerate(arm.chain.prismatic):
+        signs = np.where(np.arange(nq) == j, -1, 1)
+        yield reversed_and_turned(signs, np.zeros(nq, dtype=np.intp))
+        for degrees in () if slides else QUARTERS[1:]:
+            yield reversed_and_turned(signs**2, degrees * (signs < 0))
+        code = "slide_unit" if slides else "joint_angles_unit"
+        for unit, factor in (SLIDE_UNITS if slides else JOINT_UNITS).items():
             column = "rad" if unit == "degrees" else "deg"
             data = {"joint": j + 1, "unit": unit, "column": column}
-            code = "slide_unit" if slides else "joint_angles_unit"
-            yield Mistake(code, data, matrix=_times(j, factor, arm.nq))
-    for j, k in combinations(range(arm.nq), 2):
-        order = np.arange(arm.nq)
+            yield Mistake(code, data, matrix=_times(j, factor, nq))
+    for j, k in combinations(range(nq), 2):
+        order = np.arange(nq)
         order[[j, k]] = k, j
         data = {"joints": (j + 1, k + 1)}
-        yield Mistake("joints_exchanged", data, matrix=np.eye(arm.nq)[order])
+        yield Mistake("joints_exchanged", data, matrix=np.eye(nq)[order])
     yield from _wrong_couplings(arm)
     for (unit, taken), factor in ANGLE_UNITS.items():
         data = {"unit": unit, "taken": taken}
-        yield Mistake("angles_unit", data, matrix=factor * np.eye(arm.nq))
+        yield Mistake("angles_unit", data, matrix=factor * np.eye(nq))
 
 
 def _times(number: int, factor: float, size: int) -> Array:
     return np.diag(np.where(np.arange(size) == number, factor, 1.0))
 
 
-def _reversed(joint: int, nq: int) -> Mistake:
-    return Mistake("joint_reversed", {"joint": joint + 1}, matrix=_times(joint, -1.0, nq))
-
-
-def _turned(joint: int, degrees: int, nq: int) -> Mistake:
-    data = {"joint": joint + 1, "degrees": degrees}
-    unchanged = np.eye(nq)
-    offset = degrees * DEG * unchanged[joint]
-    return Mistake("zero_turned", data, matrix=unchanged, offset=offset)
+def reversed_and_turned(signs: Index, degrees: Index) -> Mistake:
+    """Angles that signs (nq,), then shifts (nq,) [°], correct."""
+    notes = []
+    reversed_ = (np.flatnonzero(signs < 0) + 1).tolist()
+    if reversed_:
+        code = "joints_reversed" if len(reversed_) > 1 else "joint_reversed"
+        notes.append(Note(code, {"joint": reversed_[0], "joints": reversed_}))
+    for j in np.flatnonzero(degrees).tolist():
+        notes.append(Note("zero_turned", {"joint": j + 1, "degrees": int(degrees[j])}))
+    first, *others = notes
+    size = len(reversed_) + int(np.count_nonzero(degrees))
+    matrix = np.diag(signs.astype(np.float64))
+    offset = np.asarray(DEG * degrees)
+    return Mistake(first.code, first.data, tuple(others), size, matrix, offset)
 
 
 def _wrong_couplings(arm: Arm) -> Iterator[Mistake]:
@@ -260,67 +248,63 @@ def _wrong_couplings(arm: Arm) -> Iterator[Mistake]:
     is_near = np.abs(joints[:, None] - joints) <= 1
     for j, k in np.argwhere(is_near | (stated != 0.0)).tolist():
         ratio = float(stated[j, k])
-        code = "coupling_ratio"
         if j == k:
-            code = "joint_ratio" if ratio == 1.0 else code
-            others = [1.0 / ratio, *(factor * ratio for factor in GEAR_RATIOS)]
+            others = {other * ratio: "joint_ratio" for other in (ratio**-2, *GEAR_RATIOS)}
+        elif ratio:
+            others = {-ratio: "coupling_ratio", 0.0: "coupling_ratio"}
         else:
-            others = [-ratio, 0.0] if ratio else [1.0, -1.0]
-        for other in others:
-            if not ratio:
-                code = "joint_shows_sum" if other < 0 else "joint_shows_difference"
+            others = {-1.0: "joint_shows_sum", 1.0: "joint_shows_difference"}
+        for other, code in others.items():
             changed = stated.copy()
             changed[j, k] = other
-            joints_and_rows = {"joint": j + 1, "other": k + 1, "row": rows[j], "of": rows[k]}
-            data = {**joints_and_rows, "ratio": other, "stated": ratio}
+            data = {"joint": j + 1, "other": k + 1, "row": rows[j], "of": rows[k]}
             matrix = np.asarray(np.linalg.solve(stated, changed))
-            yield Mistake(code, data, matrix=matrix)
+            yield Mistake(code, data | {"ratio": other, "stated": ratio}, matrix=matrix)
 
 
 def _mistakes_in_table(file: ArmFile) -> Iterator[Mistake]:
-    def mistake(code: str, data: _Values, values: Mapping[int, _Values]) -> Mistake:
-        rows = [row.model_copy(update=values.get(k, {})) for k, row in enumerate(file.joints)]
-        return Mistake(code, data, arm=Arm.from_file(file.model_copy(update={"joints": rows})))
-
-    def scaled(code: str, data: _Values, keys: Sequence[str], factor: float) -> Mistake:
-        rows = [{key: factor * getattr(row, key) for key in keys} for row in file.joints]
-        return mistake(code, data, dict(enumerate(rows)))
-
     other = "modified-dh" if file.convention == "standard-dh" else "standard-dh"
     conventions = {"other": other, "convention": file.convention}
     by_other = Arm.from_file(file.model_copy(update={"convention": other}))
     yield Mistake("other_convention", conventions, arm=by_other)
-    for number in range(len(file.joints)):
-        for code, data, values in _mistakes_in_row(file, number):
-            yield mistake(code, data, {number: values})
-    for j, k in combinations(range(len(file.joints)), 2):
-        for keys, code in EXCHANGED.items():
-            of_j, of_k = (file.joints[row].model_dump(include={*keys}) for row in (j, k))
-            data = {"rows": (j + 1, k + 1), "value": keys[0][0]}
-            yield mistake(code, data, {j: of_k, k: of_j})
-    if 0.0 < max(abs(row.alpha_rad) for row in file.joints) < MOST_IN_RADIANS:
-        yield scaled("table_in_radians", {}, ("alpha_rad", "theta_offset_rad"), 1.0 / DEG)
+    stated = np.array([[getattr(row, key) for key in TABLE_KEYS] for row in file.joints])
+    for code, data, table in _other_tables(stated, _is_small(file)):
+        rows = [
+            row.model_copy(update=dict(zip(TABLE_KEYS, values, strict=True)))
+            for row, values in zip(file.joints, table.tolist(), strict=True)
+        ]
+        yield Mistake(code, data, arm=Arm.from_file(file.model_copy(update={"joints": rows})))
+
+
+def _other_tables(stated: Array, is_small: bool) -> Iterator[tuple[str, _Values, Array]]:
+    """Code and data of each mistake in a table (rows, 4) [mm, rad], and the correct table."""
+    if 0.0 < np.abs(stated[:, 2]).max() < MOST_IN_RADIANS:
+        yield "table_in_radians", {}, stated / [1.0, 1.0, DEG, DEG]
     for (unit, _), factor in LENGTH_UNITS.items():
-        if _is_small(file) and factor > 1.0:
-            yield scaled("table_unit", {"unit": unit}, ("a_mm", "d_mm"), factor)
-
-
-def _mistakes_in_row(file: ArmFile, number: int) -> Iterator[tuple[str, _Values, _Values]]:
-    """Code and data of each mistake in one row (from 0), and the correct values."""
-    row = file.joints[number]
-    yield "row_exchanged", {"row": number + 1}, {"a_mm": row.d_mm, "d_mm": row.a_mm}
-    for key, unit, factor in (("a_mm", "mm", MM), ("d_mm", "mm", MM), ("alpha_rad", "°", 1.0)):
-        stated = getattr(row, key)
-        others = [slip * stated for slip in SLIPS_OF_LENGTHS]
-        if unit == "°":
-            turned = stated + DEG * np.array(QUARTERS[1:])
-            turned = np.remainder(turned + np.pi, ONE_TURN) - np.pi
-            others = [-stated, *turned[np.abs(turned + stated) > LEAST_CHANGE].tolist()]
-        for other in others:
-            if factor * abs(other - stated) > LEAST_CHANGE:
-                name = f"{key.split('_')[0]}{number + 1}"
-                data = {"parameter": name, "unit": unit, "stated": factor * stated}
-                yield "wrong_value", {**data, "found": factor * other}, {key: other}
+        if is_small and factor > 1.0:
+            yield "table_unit", {"unit": unit}, stated * [factor, factor, 1.0, 1.0]
+    for j, k in combinations(range(len(stated)), 2):
+        for code, columns in (("rows", slice(4)), ("values", slice(1)), ("values", slice(1, 2))):
+            table = stated.copy()
+            table[[j, k], columns] = stated[[k, j], columns]
+            data = {"rows": (j + 1, k + 1), "value": TABLE_KEYS[columns.start or 0][0]}
+            yield f"{code}_exchanged", data, table
+    for k in range(len(stated)):
+        table = stated.copy()
+        table[k, :2] = stated[k, 1::-1]
+        yield "row_exchanged", {"row": k + 1}, table
+    for (k, column), value in np.ndenumerate(stated[:, :3]):
+        name = TABLE_KEYS[column].split("_")[0]
+        unit, factor = ("°", 1.0) if name == "alpha" else ("mm", MM)
+        others = value * np.array(SLIPS_OF_LENGTHS)
+        if name == "alpha":
+            turned = value + DEG * np.array(QUARTERS[1:])
+            others = np.append(-value, np.remainder(turned + np.pi, 2 * np.pi) - np.pi)
+        for other in others[factor * np.abs(others - value) > LEAST_CHANGE].tolist():
+            table = stated.copy()
+            table[k, column] = other
+            values = {"stated": factor * value, "found": factor * other}
+            yield "wrong_value", {"parameter": f"{name}{k + 1}", "unit": unit} | values, table
 
 
 def _is_small(file: object) -> bool:
@@ -328,46 +312,18 @@ def _is_small(file: object) -> bool:
 
 
 def _mistakes_in_placements(arm: Arm) -> Iterator[Mistake]:
-    names = [parameter.name for parameter in arm.parameters]
-    for joint in range(arm.nq):
-        of_joint = names[6 * joint + 3 : 6 * joint + 6]
-        for name, degrees in product(of_joint, QUARTERS[1:]):
-            data = {"joint": joint + 1, "axis": name[1], "degrees": degrees}
-            turned = moved_arm(arm, {name: degrees * DEG}, None)
-            yield Mistake("placement_turned", data, arm=turned)
-    for joint, (axis, letter) in product(range(arm.nq - 1), zip(np.eye(3), "xyz", strict=True)):
-        if abs(axis @ arm.joint_axes[joint]) < LEAST_SINE:
-            data = {"joint": joint + 1, "axis": letter}
-            yield Mistake("axis_mistyped", data, arm=arm.with_joint_axis(joint + 1, axis))
+    rotations = [parameter for parameter in arm.parameters if parameter.unit == "rad"]
+    for parameter, degrees in product(rotations, QUARTERS[1:]):
+        data = {"joint": parameter.joint, "axis": parameter.kind[1], "degrees": degrees}
+        turned = moved_arm(arm, {parameter.name: degrees * DEG}, None)
+        yield Mistake("placement_turned", data, arm=turned)
 
 
-def mistake_in_value(after: Fit) -> Iterator[Mistake]:
-    """One wrong value of the arm, or wrong zeros, by a fit."""
-    wrong = wrong_value(after)
-    if wrong is not None:
-        arm = after.problem.model.arm
-        changed = moved_arm(arm, wrong.errors, arm.covariance)
-        yield Mistake(wrong.note.code, wrong.note.data, arm=changed, free_numbers=BY_RECORDS)
-
-
-def several_columns(problem: Problem) -> Iterator[tuple[Mistake, ...]]:
+def several_columns(problem: Problem) -> Iterator[Mistake]:
     """Another order; signs and quarter turns of two joints or more."""
     arm = problem.model.arm
     for order in likely_orders(problem):
         data = {"joints": [joint + 1 for joint in order]}
-        matrix = np.eye(arm.nq)[np.argsort(order)]
-        yield (Mistake("columns_in_order", data, matrix=matrix),)
+        yield Mistake("columns_in_order", data, matrix=np.eye(arm.nq)[np.argsort(order)])
     for signs, degrees in likely_columns(problem):
-        reversed_ = [_reversed(joint, arm.nq) for joint in np.flatnonzero(signs < 0).tolist()]
-        turned = [_turned(j, int(degrees[j]), arm.nq) for j in np.flatnonzero(degrees).tolist()]
-        yield (*reversed_, *turned)
-
-
-def in_words(mistakes: tuple[Mistake, ...]) -> str:
-    """One sentence, joints with the opposite sign together."""
-    notes = [Note(mistake.code, mistake.data) for mistake in mistakes]
-    joints = [note.data["joint"] for note in notes if note.code == "joint_reversed"]
-    if len(joints) > 1:
-        others = [note for note in notes if note.code != "joint_reversed"]
-        notes = [Note("joints_reversed", {"joints": joints}), *others]
-    return ", and ".join(map(str, notes))
+        yield reversed_and_turned(signs, degrees)

@@ -10,9 +10,8 @@ with the fewest free numbers.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator
 from dataclasses import replace
-from itertools import combinations
 
 import numpy as np
 
@@ -20,17 +19,15 @@ from aacmm_pin._support.checks import Array, Index
 from aacmm_pin._support.notes import Note
 from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.calibration.candidate_mistakes import (
-    OTHER_FRAME,
     Mistake,
-    in_words,
-    mistake_in_value,
+    mistakes_in_bars,
     several_columns,
     single_mistakes,
 )
 from aacmm_pin.calibration.estimation import FIRST_SCATTER, fit
 from aacmm_pin.calibration.fit import Fit
 from aacmm_pin.calibration.noise_model import NoiseModel, Scatters, observations_of
-from aacmm_pin.calibration.odd_relations import odd_relation, require_possible_relations
+from aacmm_pin.calibration.odd_relations import require_possible_relations
 from aacmm_pin.calibration.parameters import ASSEMBLED, asked_again, problem_of
 from aacmm_pin.calibration.problem import Problem
 from aacmm_pin.calibration.session_frames import another_frame
@@ -57,10 +54,6 @@ MOST_FITTED = 8
 FEWEST_FOR_MISTAKES = 10
 """With fewer records some mistake fits anything."""
 RECORDS_TO_DISTINGUISH = 80
-OTHER_BARS = 2.0
-"""Ratio of stated lengths of bars to those by the arm that no wrong arm has."""
-WITHOUT_BARS = 0.7
-"""Part of the scatter that a fit without wrong bars leaves at most."""
 ORIENTATION_FAR = 0.05
 """Median angle between fitted and stated orientations that no arm has [rad]."""
 
@@ -74,7 +67,7 @@ def first_fit(problem: Problem, *, robust: bool = True) -> Fit:
             impossible; see :func:`fit`.
     """
     require_possible_relations(problem)
-    if _has_other_bars(problem):  # a fit to these takes long
+    if any(mistakes_in_bars(problem)):  # a fit to these takes long
         _require_no_mistake(problem, None)
     try:
         after = fit(problem, robust=robust)
@@ -91,7 +84,7 @@ def first_fit(problem: Problem, *, robust: bool = True) -> Fit:
     _require_no_mistake(problem, after)
     if _is_unlike(after):
         raise AacmmError(
-            f"{problem.measurements.source}: {_advice(problem)}. (With the best parameters, the "
+            f"{problem.measurements.source}: {Note('unlike_arm')}. (With the best parameters, the "
             f"records scatter by {after.scatter / MM:.0f} mm in each coordinate. The tips of the "
             f"arm at these angles scatter by {_travel(problem) / MM:.0f} mm.)"
         )
@@ -102,62 +95,12 @@ def first_fit(problem: Problem, *, robust: bool = True) -> Fit:
 def mistakes_of(after: Fit) -> Iterator[Note]:
     """Notes on mistakes with which records can still be fitted."""
     if wrong := wrong_value(after):
-        yield wrong.note
+        yield Note(wrong.code, wrong.data)
     yield from another_frame(after)
-
-
-def require_bars_that_agree(after: Fit) -> None:
-    """Refuse records that fit, but for the lengths of a few bars.
-
-    Raises:
-        MistakenFileError: the other bars agree, and a fit without these scatters far less.
-    """
-    records = after.problem.measurements
-    bars = records.bar
-    note_of_bar: dict[str, Note] = {}
-    without = after
-    while note := odd_relation(without):
-        if (
-            bars is None
-            or "bar" not in note.data
-            or 2 * len(note_of_bar) >= len(records.bars()) - 1
-        ):
-            return
-        note_of_bar[note.data["bar"]] = note
-        others = np.where(np.isin(bars, [*note_of_bar]), "", bars)
-        without = fit(after.problem.of(replace(records, bar=others)))
-    if note_of_bar and without.scatter <= WITHOUT_BARS * after.scatter:
-        reasons = "; ".join(map(str, note_of_bar.values()))
-        distances = (_distance_of(after), _distance_of(without))
-        raise MistakenFileError(records.source, reasons, *distances)
-
-
-def _has_other_bars(problem: Problem) -> bool:
-    records = problem.measurements
-    if records.bar is None:
-        return False
-    tips = problem.model.arm.chain.positions(records.q)
-    stated = np.array([bar.length for bar in records.bars()])
-    by_arm = stated + records.bar_length_errors(tips)
-    return bool((np.maximum(by_arm / stated, stated / by_arm) > OTHER_BARS).any())
 
 
 def _is_unlike(after: Fit) -> bool:
     return after.scatter > max(FAR, UNLIKE_PART * _travel(after.problem))
-
-
-def _advice(problem: Problem) -> Note:
-    readings = problem.measurements.readings
-    still = np.flatnonzero(np.ptp(readings, axis=0) == 0.0)
-    if still.size:
-        return Note("unlike_arm_one_reading", {"joints": (still + 1).tolist()})
-    for j, k in combinations(range(readings.shape[1]), 2):
-        if np.array_equal(readings[:, j], readings[:, k]):
-            return Note("unlike_arm_copy", {"joints": [j + 1, k + 1]})
-    sessions = _problems_by_session(problem)
-    if len(sessions) > 1 and all(_fit_alone(OTHER_FRAME.undone(part)) for part in sessions):
-        return Note("sessions_unlike")
-    return Note("unlike_arm")
 
 
 def _problems_by_session(problem: Problem) -> list[Problem]:
@@ -191,28 +134,13 @@ def _require_no_mistake_in_a_session(problem: Problem) -> None:
 
 
 def _require_orientations(after: Fit) -> None:
-    problem = after.problem
-    point = after.point
     rows = after.used & after.observations.oriented
-    stated = problem.measurements.orientation
-    if stated is None or not rows.any():
-        return
-    median_angle = np.median(after.turns[rows])
-    if median_angle < ORIENTATION_FAR:
-        return
-    reason = Note("orientation_unlike")
-    for mistake, correct in (
-        ("orientation_scalar_last", stated[:, [3, 0, 1, 2]]),
-        ("orientation_inverse", stated * [1, -1, -1, -1]),
-    ):
-        corrected = problem.of(replace(problem.measurements, orientation=correct))
-        poses = corrected.poses(point.x, corrected.with_targets(point.x, point.frame))
-        if np.median(np.linalg.norm(poses[rows, 3:], axis=1)) < ORIENTATION_FAR:
-            reason = Note(mistake)
-    raise AacmmError(
-        f"{problem.measurements.source}: the orientations do not fit this arm (median error "
-        f"{median_angle / DEG:.3g}°): {reason}"
-    )
+    median_angle = np.median(after.turns[rows]) if rows.any() else 0.0
+    if median_angle >= ORIENTATION_FAR:
+        raise AacmmError(
+            f"{after.problem.measurements.source}: the orientations do not fit this arm (median "
+            f"error {median_angle / DEG:.3g}°): {Note('orientation_unlike')}"
+        )
 
 
 def _require_no_mistake(problem: Problem, after: Fit | None, *, one_session: bool = False) -> None:
@@ -226,8 +154,7 @@ def _require_no_mistake(problem: Problem, after: Fit | None, *, one_session: boo
     if records.n < FEWEST_FOR_MISTAKES:
         return
     thinned = _as_described(problem.of(records.take(_thinned(records))))
-    targets = observations_of(thinned.measurements, thinned.setup)
-    described_distance, described_misfit = _misfit(thinned, targets)
+    described_distance, described_misfit = _misfit(thinned)
     fitted_distance = np.inf if after is None else _distance_of(after)
     described_fits = described_distance < FAR or described_misfit < UNLIKE_PART
     fits = after is not None and fitted_distance < FAR and not _is_unlike(after)
@@ -239,59 +166,48 @@ def _require_no_mistake(problem: Problem, after: Fit | None, *, one_session: boo
     limit = (EXPLAINED_PART if by_description else 1.0) * described_misfit
     leaves_open = not one_session and (after is None or not fits or _absorbs(after))
     for tier in _tiers(thinned, after, open_numbers=leaves_open):
-        misfits = {}
-        for mistakes in tier:
-            undone = _undone(thinned, mistakes)
-            of_undone = targets
-            if any(mistake.changes_targets for mistake in mistakes):
-                of_undone = observations_of(undone.measurements, undone.setup)
-            misfits[mistakes] = _misfit(undone, of_undone)[1]
         explaining = {}
-        for mistakes in _likely(misfits, limit):
-            fitted = _fit_alone(_undone(problem, mistakes))
+        for mistake in _likely(thinned, tier, limit):
+            fitted = _fit_alone(mistake.undone(problem))
             if fitted is not None and _distance_of(fitted) < EXPLAINED_PART * as_is:
-                explaining[mistakes] = _distance_of(fitted)
+                explaining[mistake] = _distance_of(fitted)
         if explaining:
-            fewest = min(map(len, explaining))
-            first, *others = [mistakes for mistakes in explaining if len(mistakes) == fewest]
-            also = tuple(map(in_words, others))
-            raise MistakenFileError(records.source, in_words(first), as_is, explaining[first], also)
+            fewest = min(mistake.size for mistake in explaining)
+            first, *others = [mistake for mistake in explaining if mistake.size == fewest]
+            also = tuple(map(str, others))
+            raise MistakenFileError(records.source, str(first), as_is, explaining[first], also)
 
 
-def _tiers(
-    thinned: Problem, after: Fit | None, *, open_numbers: bool
-) -> Iterator[list[tuple[Mistake, ...]]]:
-    """Sets of mistakes: single ones, then several columns, then those that leave numbers open.
+def _tiers(thinned: Problem, after: Fit | None, *, open_numbers: bool) -> Iterator[list[Mistake]]:
+    """Single mistakes, then several columns, then those that leave numbers open.
 
     With a tip off by a length of the last row, which geometry takes up, these are no mistakes.
     """
     single = [*single_mistakes(thinned)]
-    yield [(mistake,) for mistake in single if not mistake.free_numbers]
+    yield [mistake for mistake in single if not mistake.free_numbers]
     if open_numbers:
         yield [*several_columns(thinned)]
-        with_value = [] if after is None else [*mistake_in_value(after)]
-        yield [(one,) for one in (*single, *with_value) if one.free_numbers]
-        yield [tuple(one for one in single if one.options)]
+        wrong = None if after is None else wrong_value(after)
+        single += [wrong] if wrong else []
+        yield [mistake for mistake in single if mistake.free_numbers]
+        left_out = [mistake for mistake in single if mistake.options]
+        if len(left_out) == 2:
+            frame, target = left_out
+            also = (Note(target.code, target.data),)
+            yield [replace(frame, also=also, size=2, options={**frame.options, **target.options})]
 
 
-def _likely(
-    misfits: Mapping[tuple[Mistake, ...], float], limit: float
-) -> list[tuple[Mistake, ...]]:
-    """Some of the least misfits up to a ``limit``: those alike by their number of mistakes."""
+def _likely(problem: Problem, mistakes: list[Mistake], limit: float) -> list[Mistake]:
+    """Some with the least misfits up to a ``limit``: those alike by their number of mistakes."""
+    misfits = {mistake: _misfit(mistake.undone(problem))[1] for mistake in mistakes}
     least = min(misfits.values(), default=np.inf)
 
-    def rank(mistakes: tuple[Mistake, ...]) -> tuple[float, float]:
-        misfit = misfits[mistakes]
-        return (len(mistakes), 0.0) if misfit <= SIMILAR_RATIO * least else (np.inf, misfit)
+    def rank(mistake: Mistake) -> tuple[float, float]:
+        misfit = misfits[mistake]
+        return (mistake.size, 0.0) if misfit <= SIMILAR_RATIO * least else (np.inf, misfit)
 
-    within = [mistakes for mistakes, misfit in misfits.items() if misfit <= limit]
+    within = [mistake for mistake in mistakes if misfits[mistake] <= limit]
     return sorted(within, key=rank)[:MOST_FITTED]
-
-
-def _undone(problem: Problem, mistakes: Sequence[Mistake]) -> Problem:
-    for mistake in mistakes:
-        problem = mistake.undone(problem)
-    return problem
 
 
 def _travel(problem: Problem) -> float:
@@ -318,11 +234,12 @@ def _as_described(problem: Problem) -> Problem:
     return problem_of(problem.model, records, offsets, problem.setup)
 
 
-def _misfit(problem: Problem, targets: Observations) -> tuple[float, float]:
+def _misfit(problem: Problem) -> tuple[float, float]:
     """Distance [m] of tips and targets, and its ratio to the tips' travel, with the frame and the
     targets fitted; infinite if there is none.
     """
     records = problem.measurements
+    targets = observations_of(records, problem.setup)
     try:
         point = initial_point(problem, targets)
         if problem.vector.effects and not records.known.all():

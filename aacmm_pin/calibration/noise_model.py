@@ -9,10 +9,9 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 
-from aacmm_pin._support.checks import Array, Index, Mask
+from aacmm_pin._support.checks import Array, Index
 from aacmm_pin._support.notes import Note
 from aacmm_pin.calibration.common_readings import Correlation, records_sharing_readings
 from aacmm_pin.calibration.problem import Frame, Problem
@@ -89,7 +88,7 @@ class NoiseModel:
     observations: Observations
     tip_covariance: Array
     by_reading: Array
-    shared_readings: tuple[Index, ...]
+    shared_readings: Index
 
     @staticmethod
     def of(
@@ -118,7 +117,7 @@ class NoiseModel:
         scatter = scatters.covariance(observations.covariance.shape[1])
         tip_covariance = np.broadcast_to(scatter, (n, *scatter.shape))
         by_reading = np.zeros((n, len(scatter), 0))
-        shared_readings: tuple[Index, ...] = ()
+        shared_readings = Correlation().records
         if setup.encoder_noise is not None and setup.encoder_noise.any():
             by_reading = problem.reading_jacobian(x, frame) * setup.encoder_noise
             tip_covariance = tip_covariance + by_reading @ by_reading.transpose(0, 2, 1)
@@ -174,8 +173,7 @@ def observations_of(measurements: Measurements, setup: Setup) -> Observations:
         if measurements.orientation_u is not None:
             turn = np.nan_to_num(measurements.orientation_u)
         noise = np.hstack([noise, np.repeat(turn[:, None], 3, axis=1)])
-    number_of_seat = {label: k for k, label in enumerate(labels)}
-    ends, relation, value, value_u = _relations(measurements, setup, number_of_seat)
+    ends, relation, value, value_u = _relations(measurements, setup, labels)
     return Observations(
         reference=np.where(alone[:, None], measurements.reference, np.nan),
         seat=seat,
@@ -200,74 +198,67 @@ def _stated_seats(measurements: Measurements, u: Array) -> tuple[Index, list[str
     """Number of each record's seat (n,), -1 if it stands for itself; labels, coordinates and u of
     the seats (s, 3), by the records' (n, 3) [m].
     """
-    seat, labels = _seats_of_records(measurements)
-    states_seat = measurements.placed & (seat >= 0)
-    stated_seat = seat[states_seat]
-    count = len(labels)
-    least_u = _combined_by_seat(np.fmin, u[states_seat], stated_seat, count)
-    least_u = np.nan_to_num(np.fmin.reduce(least_u, axis=1))
-    repeated, most_stated = _repeated_coordinates(
-        stated_seat, measurements.reference[states_seat], count
-    )
-    if repeated.any():
-        from_repeated = np.abs(measurements.reference - most_stated[seat]).max(axis=1)
-        far = from_repeated > np.maximum(SAME_COORDINATES, ROUNDED * least_u)[seat]
-        seat = np.where(states_seat & repeated[seat] & far, -1, seat)
-        states_seat = measurements.placed & (seat >= 0)
-        stated_seat = seat[states_seat]
-    stated = measurements.reference[states_seat]
-    total, high, low = (
-        _combined_by_seat(combine, stated, stated_seat, count)
-        for combine in (np.add, np.fmax, np.fmin)
-    )
-    records = np.maximum(np.bincount(stated_seat, minlength=count), 1)
-    mean = total / records[:, None]
-    largest_u = _combined_by_seat(np.fmax, u[states_seat], stated_seat, count)
-    extent = (high - low).max(axis=1)
-    # A seat whose records state coordinates of their own is none, as is a surface of few contacts.
-    is_none = ~repeated & (extent > np.maximum(SAME_COORDINATES, MEASURED * least_u))
-    contacts = np.bincount(seat[measurements.on_surface & (seat >= 0)], minlength=count)
-    few = (contacts > 0) & (contacts < FEWEST_CONTACTS)
-    is_none |= few & ~np.isfinite(mean).all(axis=1)
-    new_number = np.where(is_none, -1, np.cumsum(~is_none) - 1)
-    seat = np.where(seat >= 0, new_number[seat] if len(labels) else -1, -1)
-    kept = [label for label, none in zip(labels, is_none, strict=True) if not none]
-    return seat.astype(np.intp), kept, mean[~is_none], largest_u[~is_none]
+    seat = np.full(measurements.n, -1, dtype=np.intp)
+    labels: list[str] = []
+    coordinates = []
+    largest_u = []
+    for label, at_seat in measurements.seats().items():
+        is_placed = measurements.placed[at_seat]
+        stating = at_seat[is_placed]
+        stated = measurements.reference[stating]
+        extent = np.ptp(stated, axis=0).max() if stating.size else 0.0
+        if extent > SAME_COORDINATES:
+            least_u = np.nan_to_num(np.fmin.reduce(u[stating], axis=None))
+            repeated = _repeated_coordinates(stated)
+            if repeated is not None:
+                off = np.abs(stated - repeated).max(axis=1)
+                stating = stating[off <= max(SAME_COORDINATES, ROUNDED * least_u)]
+                at_seat = np.concatenate([at_seat[~is_placed], stating])
+            elif extent > MEASURED * least_u:
+                continue  # the records state coordinates of their own
+        contacts = np.count_nonzero(measurements.on_surface[at_seat])
+        if 0 < contacts < FEWEST_CONTACTS and not stating.size:
+            continue
+        seat[at_seat] = len(labels)
+        labels.append(label)
+        of_seat = measurements.reference[stating]
+        coordinates.append(of_seat.mean(axis=0) if stating.size else np.full(3, np.nan))
+        largest_u.append(np.fmax.reduce(u[stating], axis=0, initial=np.nan))
+    shape = (len(labels), 3)
+    return seat, labels, np.reshape(coordinates, shape), np.reshape(largest_u, shape)
+
+
+def _repeated_coordinates(stated: Array) -> Array | None:
+    """Those (3,) that most records of a seat (m, 3) repeat, if they repeat them."""
+    distinct, times = np.unique(stated, axis=0, return_counts=True)
+    return distinct[times.argmax()] if 0 < REPEATED * len(distinct) <= len(stated) else None
 
 
 def contradictions(measurements: Measurements, setup: Setup, scatters: Scatters) -> Iterator[Note]:
     """Seats and bars with stated coordinates farther apart than their noise allows."""
     u = reference_u(measurements, setup, max(scatters.tip, scatters.seat))
-    placed = measurements.placed
-    seat, labels = _seats_of_records(measurements)
-    states_seat = placed & (seat >= 0)
-    repeated, _ = _repeated_coordinates(
-        seat[states_seat], measurements.reference[states_seat], len(labels)
-    )
-    repeated_at = dict(zip(labels, repeated, strict=True))
-    records_stating = {
-        label: records[placed[records]]
-        for label, records in measurements.seats().items()
-        if placed[records].any()
-    }
+    reference, placed = measurements.reference, measurements.placed
+    stating = {label: records[placed[records]] for label, records in measurements.seats().items()}
     for bar in measurements.bars():
-        ends = [bar.seat_a, bar.seat_b]
-        of_ends = [records_stating[label] for label in ends if label in records_stating]
-        if len(of_ends) < 2:
+        ends = [stating[bar.seat_a], stating[bar.seat_b]]
+        if not all(map(len, ends)):
             continue
-        a, b = (measurements.reference[records].mean(axis=0) for records in of_ends)
+        a, b = (reference[records].mean(axis=0) for records in ends)
         distance = float(np.linalg.norm(a - b))
-        u_of_parts = [*(u[records].max() for records in of_ends), _length_u(bar, setup)]
+        u_of_parts = [*(u[records].max() for records in ends), _length_u(bar, setup)]
         if abs(distance - bar.length) > CONTRADICTING * np.linalg.norm(u_of_parts):
             data = {"bar": bar.bar, "length": bar.length, "apart": distance}
             yield Note("bar_contradicted", data)
-    for label, records in records_stating.items():
-        stated = measurements.reference[records]
+    for label, records in stating.items():
+        if len(records) < 2:
+            continue
+        stated = reference[records]
         over_u = np.ptp(stated, axis=0) / np.maximum(u[records].max(axis=0), SAME_COORDINATES)
-        if over_u.max() > (ROUNDED if repeated_at[label] else CONTRADICTING):
+        is_repeated = _repeated_coordinates(stated) is not None
+        if over_u.max() > (ROUNDED if is_repeated else CONTRADICTING):
             along_axis = stated[:, over_u.argmax()]
             extremes = records[[along_axis.argmin(), along_axis.argmax()]]
-            distance = float(np.linalg.norm(np.diff(measurements.reference[extremes], axis=0)))
+            distance = float(np.linalg.norm(np.diff(reference[extremes], axis=0)))
             rows = np.sort(measurements.row[extremes]).tolist()
             yield Note("seat_contradicted", {"seat": label, "apart": distance, "rows": rows})
 
@@ -279,48 +270,8 @@ def reference_u(measurements: Measurements, setup: Setup, scatter: float) -> Arr
     return np.maximum(u, LEAST_U)
 
 
-def _seats_of_records(measurements: Measurements) -> tuple[Index, list[str]]:
-    """Numbers in order of occurrence (n,), -1 without a seat; and labels."""
-    labels = measurements.conditions.seat
-    if labels is None:
-        return np.full(measurements.n, -1, dtype=np.intp), []
-    numbers, labels_of_seats = pd.factorize(pd.Series(labels).replace("", None))
-    return np.asarray(numbers, dtype=np.intp), [str(label) for label in labels_of_seats]
-
-
-def _combined_by_seat(combine: np.ufunc, values: Array, seat: Index, count: int) -> Array:
-    """Of values (n, 3) at each seat (s, 3); NaN for seats without."""
-    combined = np.full((count, 3), np.nan)
-    combined[seat] = 0.0 if combine is np.add else np.nan
-    combine.at(combined, seat, values)
-    return combined
-
-
-def _repeated_coordinates(seat: Index, stated: Array, count: int) -> tuple[Mask, Array]:
-    """Whether records repeat coordinates, by seat (s,); and those that most state (s, 3)."""
-    distinct, times = np.unique(np.column_stack([seat, stated]), axis=0, return_counts=True)
-    seat_of_distinct = distinct[:, 0].astype(np.intp)
-    distinct_count = np.bincount(seat_of_distinct, minlength=count)
-    records = np.bincount(seat_of_distinct, times, minlength=count)
-    repeated = (distinct_count > 0) & (records >= REPEATED * distinct_count)
-    order = np.lexsort((-times, seat_of_distinct))
-    most_stated = np.full((count, 3), np.nan)
-    numbers, first = np.unique(seat_of_distinct[order], return_index=True)
-    most_stated[numbers] = distinct[order[first], 1:]
-    return repeated, most_stated
-
-
-class _Relation(NamedTuple):
-    """Seats ``a`` and ``b``; kind, value and standard uncertainty [m, rad]."""
-
-    a: str
-    b: str
-    value: tuple[str, float, float]
-    guessed: bool = False
-
-
 def _relations(
-    measurements: Measurements, setup: Setup, number: dict[str, int]
+    measurements: Measurements, setup: Setup, labels: list[str]
 ) -> tuple[Index, NDArray[np.str_], Array, Array]:
     """Numbers of the seats of each relation (b, 2), of bars, then of distances and angles of
     planes; their kinds, values and standard uncertainties (b,) [m, rad].
@@ -329,25 +280,25 @@ def _relations(
     guessed u is large enough for each. Planes are one body at n places if no relation connects
     these.
     """
-    stated = []
+    stated: list[tuple[str, str, tuple[str, float, float], bool]] = []
     for bar in measurements.bars():
-        guessed = setup.length_noise is None and not np.isfinite(bar.u)
+        is_guessed = setup.length_noise is None and not np.isfinite(bar.u)
         length = (OF_BAR, bar.length, max(_length_u(bar, setup), LEAST_U))
-        stated.append(_Relation(bar.seat_a, bar.seat_b, length, guessed))
+        stated.append((bar.seat_a, bar.seat_b, length, is_guessed))
     for relation in measurements.relations:
-        stated += [_Relation(relation.a, relation.b, value) for value in relation.rows()]
-    relations = [one for one in stated if one.a in number and one.b in number]
-    pairs = [(number[one.a], number[one.b]) for one in relations]
+        stated += [(relation.a, relation.b, value, False) for value in relation.rows()]
+    number = {label: k for k, label in enumerate(labels)}
+    relations = [one for one in stated if one[0] in number and one[1] in number]
+    pairs = [(number[a], number[b]) for a, b, _, _ in relations]
     ends = np.array(pairs, dtype=np.intp).reshape(-1, 2)
-    body_of_seat = clusters_of(ends, len(number))
+    body_of_seat = clusters_of(ends, len(labels))
     bodies = defaultdict(set)  # on which each value is stated
-    for k, one in enumerate(relations):
-        is_bar = one.value[0] == OF_BAR
-        bodies[one.value].add(-1 - k if is_bar else body_of_seat[ends[k, 0]])
-    factor = [1.0 if one.guessed else len(bodies[one.value]) ** 0.5 for one in relations]
-    kind = np.array([one.value[0] for one in relations], dtype=np.str_)
-    value, u = np.array([one.value[1:] for one in relations]).reshape(-1, 2).T
-    return ends, kind, value, u * factor
+    for k, (_, _, value, _) in enumerate(relations):
+        bodies[value].add(-1 - k if value[0] == OF_BAR else body_of_seat[ends[k, 0]])
+    places = [1 if is_guessed else len(bodies[value]) for _, _, value, is_guessed in relations]
+    kind = np.array([value[0] for _, _, value, _ in relations], dtype=np.str_)
+    values, u = np.array([value[1:] for _, _, value, _ in relations]).reshape(-1, 2).T
+    return ends, kind, values, u * np.sqrt(places)
 
 
 def _length_u(bar: Bar, setup: Setup) -> float:

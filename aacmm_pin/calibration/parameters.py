@@ -10,7 +10,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from aacmm_pin._support.checks import Array, Mask
-from aacmm_pin.arm import Arm, Covariance, end
+from aacmm_pin.arm import Arm, Covariance
 from aacmm_pin.calibration.parameter_vector import (
     ParameterVector,
     geometric_parameters,
@@ -20,9 +20,7 @@ from aacmm_pin.calibration.setup import Setup, Target, sessions_of
 from aacmm_pin.effects import (
     Effect,
     ErrorModel,
-    JointDistance,
     JointPlacement,
-    LinkLength,
     LinkTilt,
     ReferenceFrame,
     StylusOffset,
@@ -65,10 +63,13 @@ def problem_of(
     Raises:
         AacmmError: a parameter occurs twice.
     """
-    items = [parameters] if isinstance(parameters, str) else list(parameters)
+    items: list[str | Effect] = [parameters] if isinstance(parameters, str) else [*parameters]
     named_causes = {item.label for item in items if isinstance(item, Effect)}
-    offsets = stated_offsets(model, measurements, setup)
-    items += [offset for offset in offsets if offset.label not in named_causes]
+    labels_of_targets = {offset.label for offset in _target_offsets(measurements, setup.target)}
+    for effect in model.effects:  # offsets of targets that the arm states with a u that counts
+        is_target = effect.label in labels_of_targets - named_causes
+        if is_target and not is_reestimated(effect, setup, measurements):
+            items.append(effect)
     unknowns = _unknowns(model.arm, measurements, items, setup)
     effects = tuple(unknown.effect for unknown in unknowns)
     keys = [effect.key for effect in effects]
@@ -106,7 +107,7 @@ def _unknowns(
     # A value that is asked for with a u of its own replaces that of a set.
     with_own_u = {item.label for item in items if isinstance(item, Effect) and any(item.u)}
     offsets = _target_offsets(measurements, setup.target)
-    unknowns = [unknown for unknown in offsets if unknown.effect.label not in with_own_u]
+    unknowns = [_unknown_offset(offset) for offset in offsets if offset.label not in with_own_u]
     if setup.frame_of_session:
         unstated = np.zeros(FRAME_WIDTHS.size, dtype=bool)
         others = sessions_of(measurements)[1:]
@@ -118,7 +119,7 @@ def _unknowns(
             unknowns.append(_Unknown(item, np.where(u > 0, u, bounds), u > 0))
         elif item == "tool":
             if setup.target != "unknown":
-                unknowns += _target_offsets(measurements, "unknown")
+                unknowns += map(_unknown_offset, _target_offsets(measurements, "unknown"))
         elif item == "zero-offsets":
             unknowns += [_unknown_geometry(arm, zero, setup.prior) for zero in joint_zeros(arm)]
         elif item == "geometry":
@@ -167,28 +168,24 @@ def free_geometry(problem: Problem) -> Problem:
     return replace(problem, widths=widths, stated=stated, correlation=correlation)
 
 
-def unidentifiable_lengths(problem: Problem) -> list[str]:
-    """Unstated lengths of the arm, if the records leave its size open."""
+def require_scale(problem: Problem) -> None:
+    """Refuse records that leave the size of an arm without stated lengths open.
+
+    Raises:
+        AacmmError: they have neither coordinates nor known lengths.
+    """
     records = problem.measurements
     if records.known.any() or records.lengths() or not records.seats():
-        return []
+        return
     parameters = zip(problem.vector.arm_parameters, problem.stated, strict=True)
-    return [p.name for p, stated in parameters if p is not None and p.unit == "m" and not stated]
-
-
-def length_to_hold(problem: Problem) -> Effect | None:
-    """The arm's largest length, as stated, if the records leave its size open."""
-    if not unidentifiable_lengths(problem):
-        return None
-    vector = problem.vector
-    sizes: dict[Effect, float] = {}
-    for effect, entries in vector:
-        if isinstance(effect, JointPlacement):
-            placement = vector.arm.chain.constant[end(effect.joint - 1)]
-            sizes[effect] = float(np.linalg.norm(placement[:3, 3]))
-        elif isinstance(effect, LinkLength | JointDistance):
-            sizes[effect] = float(np.abs(vector.stated_values[entries]).sum())
-    return max(sizes, key=lambda effect: sizes[effect]).at(())
+    lengths = [p.name for p, stated in parameters if p and p.unit == "m" and not stated]
+    if lengths:
+        raise AacmmError(
+            f"{records.source}: seats without coordinates and bars do not determine the scale of "
+            f"the arm ({', '.join(lengths[:4])} …). Add coordinates, a bar of known length or a "
+            "known distance of planes, state the uncertainties of the arm, or estimate only "
+            "zero-offsets"
+        )
 
 
 def _correlation(covariance: Covariance | None, names: list[str], stated: Array) -> Array:
@@ -215,14 +212,7 @@ def _all_geometry(arm: Arm, setup: Setup) -> list[_Unknown]:
             twist = arm.dh.alpha[row - 1 if arm.dh.standard else row]
             if arm.dh.moving[row - 1 : row + 1].all() and abs(np.sin(twist)) < PARALLEL_SINE:
                 effects.append(LinkTilt(row if arm.dh.standard else row + 1))
-    unknowns = [_unknown_geometry(arm, effect, setup.prior) for effect in effects]
-    for k, effect in enumerate(effects):
-        if setup.held_length is not None and effect.label == setup.held_length.label:
-            # Its lengths stay; angles of the same placement do not.
-            width_of_unit = ASSEMBLED | {"m": HELD_WIDTH}
-            widths = np.array([width_of_unit[term.unit] for term in effect.terms])
-            unknowns[k] = _Unknown(effect, widths, np.ones(widths.size, dtype=bool))
-    return unknowns
+    return [_unknown_geometry(arm, effect, setup.prior) for effect in effects]
 
 
 def _unknown_geometry(arm: Arm, effect: Effect, prior: bool) -> _Unknown:
@@ -235,37 +225,17 @@ def _unknown_geometry(arm: Arm, effect: Effect, prior: bool) -> _Unknown:
 
 def is_reestimated(effect: Effect, setup: Setup, measurements: Measurements) -> bool:
     """Whether it is the offset of a target of the records, without a u that counts."""
-    labels = {offset.effect.label for offset in _target_offsets(measurements, setup.target)}
-    return effect.label in labels and not _is_stated_offset(effect, setup)
+    labels = [offset.label for offset in _target_offsets(measurements, setup.target)]
+    has_u = setup.prior and effect.place and any(effect.u)
+    return effect.label in labels and not has_u
 
 
-def stated_offsets(model: ErrorModel, measurements: Measurements, setup: Setup) -> list[Effect]:
-    """Offsets of the records' targets that the arm states with a u that counts."""
-    labels = {offset.effect.label for offset in _target_offsets(measurements, setup.target)}
-    return [e for e in model.effects if e.label in labels and _is_stated_offset(e, setup)]
-
-
-def unused_offsets(
-    model: ErrorModel, measurements: Measurements, setup: Setup, asked: Collection[str]
-) -> list[str]:
-    """Labels of the offsets of markers that are estimated anew for want of a u."""
-    if not setup.prior:
-        return []
-    targets = [effect for effect in model.effects if is_reestimated(effect, setup, measurements)]
-    return [target.label for target in targets if target.place and target.label not in asked]
-
-
-def _is_stated_offset(effect: Effect, setup: Setup) -> bool:
-    of_marker = isinstance(effect, StylusOffset) and effect.marker is not None
-    return of_marker and setup.prior and any(effect.u)
-
-
-def _target_offsets(measurements: Measurements, target: Target) -> list[_Unknown]:
+def _target_offsets(measurements: Measurements, target: Target) -> list[StylusOffset]:
     """One for each marker, or one if the target is not the tip."""
-    width = np.full(3, REACH_OF_TARGET)
-    unstated = np.zeros(3, dtype=bool)
     markers = dict.fromkeys(filter(None, measurements.conditions.labels("marker").tolist()))
     offsets = [StylusOffset(marker) for marker in markers]
-    if target == "unknown" and not offsets:
-        offsets = [StylusOffset()]
-    return [_Unknown(offset, width, unstated) for offset in offsets]
+    return offsets or [StylusOffset()] * (target == "unknown")
+
+
+def _unknown_offset(offset: StylusOffset) -> _Unknown:
+    return _Unknown(offset, np.full(3, REACH_OF_TARGET), np.zeros(3, dtype=bool))

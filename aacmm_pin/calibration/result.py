@@ -180,15 +180,6 @@ class Calibration(Shown):
         return np.where(is_open, np.nan, u)
 
     @cached_property
-    def correlation(self) -> pd.DataFrame:
-        """The correlation matrix of the parameters."""
-        u = np.sqrt(np.diag(self.covariance))
-        divisor = np.where(u > 0, u, 1.0)
-        names = self.fit.problem.vector.names
-        correlation = self.covariance / np.outer(divisor, divisor)
-        return pd.DataFrame(correlation, index=names, columns=names)
-
-    @cached_property
     def residuals(self) -> pd.DataFrame:
         """One row for each record: line in the file, seat, residual before and after calibration
         [mm], and whether the fit used it.

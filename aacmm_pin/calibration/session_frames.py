@@ -30,8 +30,10 @@ RESIDUAL_RATIO = 2.0
 """… with residuals at most so many times those of the other records …"""
 REMAINING_PART = 0.1
 """… and at most this part of those in the frame of the others."""
-PART_OF_A_RUN = 0.9
-"""Least part of the records of a frame in a run of rows, and of this run in the frame."""
+RUN = 7
+"""So many rows: records that most of these disagree with count as the others …"""
+ROWS_OUT_OF_RUNS = 0.2
+"""… unless these are more than this part of the records of the frame."""
 ONE_FRAME = 0.01
 """Frames whose coordinates differ by less are one, up to what is estimated [m]."""
 LEAST_CHANCE = 0.01
@@ -84,8 +86,7 @@ def _in_one_frame(
         references = records.reference[in_session & records.placed]
         in_first = references @ rotation.T + shift
         if np.abs(in_first - references).max(initial=0.0) >= ONE_FRAME:
-            records = _with_references_moved(records, in_session, rotation, shift)
-            records = _with_directions(records, stated_session == label, rotation)
+            records = _displaced(records, stated_session == label, Frame(rotation, shift))
             moved_frames[label] = (rotation, shift)
     return records, replace(setup, moved_frames=moved_frames)
 
@@ -140,9 +141,12 @@ def another_frame(after: Fit) -> Iterator[Note]:
     remaining_part = np.median(in_own_frame[excluded]) / np.median(distances[excluded])
     if of_most >= RESIDUAL_RATIO * others or remaining_part > REMAINING_PART:
         return
-    numbers = np.flatnonzero(records.known)
     belongs = in_own_frame < np.fmin(distances, RESIDUAL_RATIO * of_most)
-    rows = records.row[numbers[_of_one_run(belongs[numbers])]]
+    known = np.flatnonzero(records.known)
+    in_runs = scipy.ndimage.median_filter(belongs[known], RUN)
+    if np.count_nonzero(in_runs != belongs[known]) > ROWS_OUT_OF_RUNS * belongs.sum():
+        in_runs = belongs[known]
+    rows = records.row[known[in_runs]]
     rotation = frame_of_excluded.rotation @ fitted.rotation.T
     centre = references.mean(axis=0)
     moved_centre = frame_of_excluded.apply(fitted.back(centre))
@@ -150,19 +154,6 @@ def another_frame(after: Fit) -> Iterator[Note]:
     shift = float(np.linalg.norm(moved_centre - centre))
     data = {"rows": rows.tolist(), "shift": shift}
     yield Note("rows_in_another_frame", data | {"turn": float(angle)})
-
-
-def _of_one_run(members: Mask) -> Mask:
-    """The records of one run (n,) if nearly all of these are members, and nearly all members are in
-    the run; else the members (n,).
-    """
-    excess = np.concatenate([[0], np.cumsum(np.where(members, 1, -1))])
-    end = int(np.argmax(excess - np.minimum.accumulate(excess)))
-    start = int(np.argmin(excess[: end + 1]))
-    run = np.zeros(len(members), dtype=bool)
-    run[start:end] = True
-    in_both = np.count_nonzero(run & members)
-    return run if in_both >= PART_OF_A_RUN * max(run.sum(), members.sum()) else members
 
 
 def _registration(model: ErrorModel, records: Measurements, setup: Setup) -> Frame:
@@ -180,16 +171,19 @@ def _with_directions(records: Measurements, chosen: Mask, rotation: Array) -> Me
     return replace(records, conditions=conditions)
 
 
-def _with_references_moved(
-    records: Measurements, chosen: Mask, rotation: Array, shift: Array
-) -> Measurements:
-    reference = np.where(chosen[:, None], records.reference @ rotation.T + shift, records.reference)
-    rotated_u = np.sqrt(np.square(records.reference_u) @ np.square(rotation).T)
-    reference_u = np.where(chosen[:, None], rotated_u, records.reference_u)
-    moved = replace(records, reference=reference, reference_u=reference_u)
-    if records.orientation is None:
-        return moved
-    stated = records.orientation.copy()
-    rows = chosen & records.oriented
-    stated[rows] = orientation.quaternions(rotation @ orientation.matrices(stated[rows]))
-    return replace(moved, orientation=stated)
+def _displaced(records: Measurements, chosen: Mask, frame: Frame) -> Measurements:
+    """With references, orientations and directions of the ``chosen`` records (n,) in ``frame``."""
+    rotated_u = np.sqrt(np.square(records.reference_u) @ np.square(frame.rotation).T)
+    stated = records.orientation
+    if stated is not None:
+        rows = chosen & records.oriented
+        stated = stated.copy()
+        rotations = frame.rotation @ orientation.matrices(stated[rows])
+        stated[rows] = orientation.quaternions(rotations)
+    displaced = replace(
+        records,
+        reference=np.where(chosen[:, None], frame.apply(records.reference), records.reference),
+        reference_u=np.where(chosen[:, None], rotated_u, records.reference_u),
+        orientation=stated,
+    )
+    return _with_directions(displaced, chosen, frame.rotation)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal, get_args
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,7 +13,7 @@ from aacmm_pin._support import plausible
 from aacmm_pin._support.checks import Array, vector
 from aacmm_pin._support.notes import Note
 from aacmm_pin.arm import Arm
-from aacmm_pin.effects import Effect, ErrorModel, GivenModel, known_range_in_words
+from aacmm_pin.effects import ErrorModel, GivenModel, known_range_in_words
 from aacmm_pin.errors import AacmmError, UnknownNameError
 from aacmm_pin.measurements import Measurements, as_measurements
 
@@ -30,8 +30,6 @@ class Setup:
         encoder_noise: of each joint (nq,) [rad].
         moved_frames: rotation (3, 3) and shift (3,) [m] with which the references of each session
             are in the frame of the first.
-        held_length: the largest of an arm, which stays if the records have neither coordinates
-            nor lengths.
 
     Raises:
         UnknownNameError: no such frame or target.
@@ -46,7 +44,6 @@ class Setup:
     probe_noise: float | None = None
     length_noise: float | None = None
     moved_frames: Mapping[str, tuple[Array, Array]] = field(default_factory=dict)
-    held_length: Effect | None = None
 
     def __post_init__(self) -> None:
         for name, choice in (("reference_frame", ReferenceFrame), ("target", Target)):
@@ -80,13 +77,6 @@ class Setup:
         return Setup(
             reference_frame, target, prior, encoder, reference_noise, probe_noise, length_noise
         )
-
-    @property
-    def keywords(self) -> dict[str, Any]:
-        """The keywords of :meth:`of` that give this set-up."""
-        values = dict(vars(self))
-        del values["held_length"], values["moved_frames"]
-        return values
 
     @property
     def external(self) -> bool:

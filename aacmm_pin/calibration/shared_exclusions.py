@@ -1,6 +1,4 @@
-"""Excluded records that are no gross errors: too many, sharing something, or all that moved a
-joint.
-"""
+"""Excluded records that are no gross errors: too many, or sharing something."""
 
 from __future__ import annotations
 
@@ -27,8 +25,6 @@ MOST_CENTRES = 24
 BEYOND_USED = 0.5
 """Excluded records farther beyond the used ones, in parts of their range, do not count."""
 MOST_LABELS = 12
-NARROW_PART = 0.5
-"""Part of a joint's range below which used records are about another part of the arm."""
 
 
 @dataclass(frozen=True)
@@ -57,27 +53,6 @@ class Shared:
 
 
 @dataclass(frozen=True)
-class Narrowed:
-    """A joint that the excluded records alone moved over most of its range.
-
-    Attributes:
-        joint: its row, from 1.
-        used, seen: range by the used records, and by all [rad; m where it slides].
-    """
-
-    joint: int
-    used: float
-    seen: float
-    slides: bool
-
-    @property
-    def note(self) -> Note:
-        """Note that the used ones hardly moved it."""
-        data = {"joint": self.joint, "used": self.used, "seen": self.seen}
-        return Note("joint_narrowed", data | {"unit": "mm" if self.slides else "°"})
-
-
-@dataclass(frozen=True)
 class Exclusions:
     """Whether excluded records are gross errors of single records."""
 
@@ -85,57 +60,27 @@ class Exclusions:
     used: int
     too_many: bool
     shared: Shared | None
-    narrowed: tuple[Narrowed, ...]
 
     @property
     def doubtful(self) -> bool:
         """Whether they are something else than gross errors."""
-        return self.too_many or self.shared is not None or bool(self.narrowed)
+        return self.too_many or self.shared is not None
 
     @property
     def notes(self) -> list[Note]:
-        """On what they share, and on each joint."""
-        shared = [] if self.shared is None else [self.shared.note]
-        return shared + [joint.note for joint in self.narrowed]
+        """On what they share."""
+        return [] if self.shared is None else [self.shared.note]
 
     def summary(self) -> dict[str, Any]:
         """As plain values, for JSON; SI."""
-        return {
-            "doubtful": self.doubtful,
-            "too_many": self.too_many,
-            "shared": None if self.shared is None else asdict(self.shared),
-            "narrowed": [asdict(joint) for joint in self.narrowed],
-        }
+        shared = None if self.shared is None else asdict(self.shared)
+        return {"doubtful": self.doubtful, "too_many": self.too_many, "shared": shared}
 
 
 def exclusions_of(fit: Fit) -> Exclusions:
     """Whether what a fit excluded are gross errors."""
-    return Exclusions(
-        excluded=int(fit.excluded.sum()),
-        used=int(fit.used.sum()),
-        too_many=fit.too_many_excluded,
-        shared=shared_by(fit),
-        narrowed=tuple(_narrowed(fit)),
-    )
-
-
-def _narrowed(fit: Fit) -> Iterator[Narrowed]:
-    if not (fit.excluded.any() and fit.used.any()):
-        return
-    chain = fit.problem.model.arm.chain
-    q = fit.problem.measurements.q
-    for j, row in enumerate(chain.moving_rows()):
-        low = q[fit.used, j].min()
-        high = q[fit.used, j].max()
-        excluded = q[fit.excluded, j]
-        beyond = np.maximum(low - excluded, excluded - high)
-        if (beyond > 0.0).sum() < FEWEST_TOGETHER:
-            continue
-        # A reading or two may be wrong by any angle.
-        credible = excluded[beyond <= np.sort(beyond)[-FEWEST_TOGETHER]]
-        seen = max(high, credible.max()) - min(low, credible.min())
-        if high - low < NARROW_PART * seen:
-            yield Narrowed(row, float(high - low), float(seen), bool(chain.prismatic[j]))
+    excluded, used = int(fit.excluded.sum()), int(fit.used.sum())
+    return Exclusions(excluded, used, fit.too_many_excluded, shared_by(fit))
 
 
 def shared_by(fit: Fit) -> Shared | None:

@@ -6,7 +6,7 @@ moves the tips by; a trial that cannot be evaluated is rejected.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -111,17 +111,20 @@ def solve(
     Args:
         weights: of the records (n,), 0 leaves one out.
         robust: weigh records anew in every step.
+        roughly: for a mere start.
     """
     return _Search(problem, noise, weights, robust, roughly).run(start)
 
 
+@dataclass
 class _Search:
-    def __init__(
-        self, problem: Problem, noise: NoiseModel, weights: Array, robust: bool, roughly: bool
-    ) -> None:
-        self.problem, self.noise, self.weights, self.robust = problem, noise, weights, robust
-        self.is_start = robust or roughly
-        self.radius, self.first_length = np.inf, 0.0
+    problem: Problem
+    noise: NoiseModel
+    weights: Array
+    robust: bool
+    is_start: bool
+    radius: float = np.inf
+    first_length: float = 0.0
 
     def run(self, point: Point) -> Fit:
         tolerance = LOOSELY_SETTLED if self.is_start else SETTLED

@@ -32,44 +32,36 @@ def variance_components(fit: Fit, unstated: Mask) -> Scatters:
     """Scatters with which χ² of tips, rotations and ``unstated`` coordinates of seats (s, 3) equal
     their degrees of freedom; those of ``fit`` without any.
     """
-    before = fit.noise.scatters
+    noise = fit.noise
+    observations = noise.observations
+    tip, rotation, _ = noise.scatters
     seat, dof_of_seats = _seat_scatter(fit, unstated) if unstated.any() else (0.0, 0.0)
     turn_dof = fit.turn_dof
     dof = fit.chi2.dof - turn_dof - dof_of_seats
-    tip = before.tip if dof < LEAST_DOF else _tip_scatter(fit, unstated, dof)
-    turn = before.rotation if turn_dof < LEAST_DOF else _turn_scatter(fit, turn_dof)
-    return Scatters(tip, turn, seat)
+    deviations = np.where(fit.used[:, None], fit.system.deviations, 0.0)
+    covariance = noise.without_scatter
+    of_seats = np.where(unstated, 0.0, observations.seat_residuals(fit.point.seats))
+    of_relations, _ = observations.relation_residuals(fit.point.seats)
+    dof_of_tips = dof - float(np.square(of_seats).sum() + np.square(of_relations).sum())
+    # If seats or relations contradict each other, no scatter explains it.
+    if dof >= LEAST_DOF and dof_of_tips > 0.0:
+        tip = _scatter(fit, deviations[:, :3], covariance[:, :3, :3], dof_of_tips)
+    if turn_dof >= LEAST_DOF:  # given the deviations of the tips
+        covariance[:, :3, :3] += noise.scatters.tip**2 * np.eye(3)
+        chi2_of_tips = _chi2(fit, deviations[:, :3], covariance[:, :3, :3])
+        rotation = _scatter(fit, deviations, covariance, chi2_of_tips + turn_dof)
+    return Scatters(tip, rotation, seat)
 
 
-def _tip_scatter(fit: Fit, unstated: Mask, dof: float) -> float:
-    noise = fit.noise
-    seats = fit.point.seats
-    deviation = np.where(fit.used[:, None], fit.system.deviation, 0.0)
-    stated = noise.without_scatter[:, :3, :3]
-    of_seats = np.where(unstated, 0.0, noise.observations.seat_residuals(seats))
-    of_relations, _ = noise.observations.relation_residuals(seats)
-    chi2_of_seats = float(np.square(of_seats).sum() + np.square(of_relations).sum())
-    if chi2_of_seats >= dof:  # seats or relations contradict each other: no scatter explains it
-        return noise.scatters.tip
-
-    def excess(variance: float) -> float:
-        return _chi2(fit, deviation, stated + variance * np.eye(3)) + chi2_of_seats - dof
-
-    return float(np.sqrt(root(excess, deviation)))
-
-
-def _turn_scatter(fit: Fit, dof: float) -> float:
-    """[rad], given the deviations of the tips."""
-    deviation = np.where(fit.used[:, None], fit.system.deviations, 0.0)
-    stated = fit.noise.without_scatter
-    stated[:, :3, :3] += fit.noise.scatters.tip**2 * np.eye(3)
-    of_tips = _chi2(fit, deviation[:, :3], stated[:, :3, :3])
+def _scatter(fit: Fit, deviations: Array, stated: Array, chi2: float) -> float:
+    """Scatter of the last three numbers of deviations (n, 3 or 6) with which they have this χ²."""
+    width = deviations.shape[1]
+    scattered = np.diag(np.where(np.arange(width) < width - 3, 0.0, 1.0))
 
     def excess(variance: float) -> float:
-        scatter = np.diag(np.repeat([0.0, variance], 3))
-        return _chi2(fit, deviation, stated + scatter) - of_tips - dof
+        return _chi2(fit, deviations, stated + variance * scattered) - chi2
 
-    return float(np.sqrt(root(excess, deviation[:, 3:])))
+    return float(np.sqrt(root(excess, deviations[:, -3:])))
 
 
 def _chi2(fit: Fit, deviation: Array, covariance: Array) -> float:

@@ -6,16 +6,15 @@ After a free fit, each in turn is taken to be wrong, the others to be as stated:
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import replace
+from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from aacmm_pin._support.checks import Array, Index
-from aacmm_pin._support.notes import Note
 from aacmm_pin.arm import Parameter
 from aacmm_pin.calibration.calibrated_arm import moved_arm
+from aacmm_pin.calibration.candidate_mistakes import BY_RECORDS, Mistake
 from aacmm_pin.calibration.estimation import fit
 from aacmm_pin.calibration.fit import Fit
 from aacmm_pin.calibration.parameters import asked_again, free_geometry
@@ -58,40 +57,33 @@ SAME_SIZE = 0.02
 """Relative difference of values that have the wrong sign."""
 
 
-class WrongValue(NamedTuple):
-    """What the records give instead of a value of the arm file.
-
-    Attributes:
-        errors: to be added to values of the file, by parameter [m, rad].
-    """
-
-    note: Note
-    errors: Mapping[str, float]
-
-
-def wrong_value(after: Fit) -> WrongValue | None:
+def wrong_value(after: Fit) -> Mistake | None:
     """The wrong geometric value of the arm file, or all zeros; None if values are about as stated,
     if none explains the others, or if another is wrong with it corrected.
     """
     problem = _thinned(after.problem)
-    described = problem.model.arm
-    for wrong in _likely_values(after):
-        arm = moved_arm(described, wrong.errors, described.covariance)
+    for mistake in _likely_values(after):
         try:
-            corrected = fit(asked_again(problem, replace(problem.model, arm=arm), problem.setup))
+            corrected = fit(mistake.undone(problem))
         except AacmmError:
             continue
         if not any(_likely_values(corrected)):
-            return wrong
+            return mistake
     return None
 
 
-def _likely_values(after: Fit) -> Iterator[WrongValue]:
+def _likely_values(after: Fit) -> Iterator[Mistake]:
     """All zeros, or values that each explain more than all others together, best first."""
     errors = _errors_of_values(after)
     if errors is None:
         return
     parameters, zeros = errors.parameters, errors.zeros
+    arm = after.problem.model.arm
+
+    def mistake(code: str, data: dict[str, Any], steps: dict[str, float]) -> Mistake:
+        corrected = moved_arm(arm, steps, arm.covariance)
+        return Mistake(code, data, arm=corrected, free_numbers=BY_RECORDS)
+
     precision = np.linalg.inv(errors.covariance + np.diag(errors.usual**2))
     pulls = precision @ errors.values
     cost = float(errors.values @ pulls)
@@ -106,9 +98,8 @@ def _likely_values(after: Fit) -> Iterator[WrongValue]:
         if gain - gains[best] > LEAST_GAIN_OF_VALUE + PER_PARAMETER * zeros.size:
             largest = float(np.abs(of_zeros).max())
             if gain > LEAST_DOMINANCE * (cost - gain) and largest > LEAST_WRONG["rad"]:
-                note = Note("zeros_off", {"joints": zeros.size, "largest": largest})
-                names = [parameters[k].name for k in zeros]
-                yield WrongValue(note, dict(zip(names, of_zeros.tolist(), strict=True)))
+                steps = {parameters[k].name: step for k, step in zip(zeros, of_zeros, strict=True)}
+                yield mistake("zeros_off", {"joints": zeros.size, "largest": largest}, steps)
             return
     information = np.linalg.inv(errors.covariance)
     lengths = np.sqrt(np.diag(information))
@@ -121,9 +112,9 @@ def _likely_values(after: Fit) -> Iterator[WrongValue]:
     for number in by_gain[is_sure[by_gain]][:MOST_ALIKE].tolist():
         others = np.flatnonzero(same_effect[number]).tolist()
         same = [parameters[k].name for k in others if k != number]
-        wrong = _wrong_value_of(parameters[number], float(singly[number]), same)
-        if wrong is not None:
-            yield wrong
+        parameter, error = parameters[number], float(singly[number])
+        if abs(error) >= LEAST_WRONG[parameter.unit] * (LEAST_OF_STATED if parameter.u else 1.0):
+            yield mistake(*_code_and_data(parameter, error, same), {parameter.name: error})
 
 
 class _Errors(NamedTuple):
@@ -186,22 +177,19 @@ def _usual(problem: Problem, geometric: Index) -> Array:
     return np.where(problem.stated[geometric], problem.widths[geometric], usual)
 
 
-def _wrong_value_of(parameter: Parameter, error: float, same: list[str]) -> WrongValue | None:
-    """None if the ``error`` [its unit] is too little; ``same`` names values with its effect."""
-    least_change = LEAST_WRONG[parameter.unit] * (LEAST_OF_STATED if parameter.u else 1.0)
-    if abs(error) < least_change:
-        return None
+def _code_and_data(
+    parameter: Parameter, error: float, same: list[str]
+) -> tuple[str, dict[str, Any]]:
+    """Of a wrong value with this ``error`` [its unit]; ``same`` names values with its effect."""
     by_records = parameter.value + error
     if parameter.unit == "rad":
         by_records = float(np.remainder(by_records + np.pi, 2 * np.pi) - np.pi)
     data: dict[str, Any] = {"parameter": parameter.name, "unit": SHOWN_UNITS[parameter.unit]}
-    data |= {"stated": parameter.value, "found": by_records}
-    opposite = abs(by_records + parameter.value) < SAME_SIZE * abs(parameter.value)
-    code = "wrong_sign" if opposite else "wrong_value"
+    data |= {"stated": parameter.value, "found": by_records, "same": same}
+    if abs(by_records + parameter.value) < SAME_SIZE * abs(parameter.value):
+        return "wrong_sign", data
+    code = "wrong_value"
     if parameter.kind in PLACEMENT_KINDS:
         code = "wrong_placement"
         data |= {"joint": parameter.joint, "motion": PLACEMENT_KINDS[parameter.kind]}
-    if same and not opposite:
-        code += "_or"
-        data["same"] = same
-    return WrongValue(Note(code, data), {parameter.name: error})
+    return f"{code}_or" if same else code, data

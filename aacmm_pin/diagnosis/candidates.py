@@ -64,8 +64,7 @@ def candidates(
         variants = (*by_label.get(label, ()), effect.at(()))
         by_label[label] = tuple(dict.fromkeys(variants))
     changes = [*_changes(model, measurements, problem.setup, by_label)]
-    estimated_effects = [*model.effects, *filter(None, [problem.setup.held_length])]
-    for effect in estimated_effects:
+    for effect in model.effects:
         if getattr(effect, "load_at", None) is None:  # at another load the cause may act too
             by_label.pop(effect.label, None)
     return [*changes, *by_label.values()]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -25,13 +24,12 @@ from aacmm_pin.calibration import (
     in_first_frame,
     mistakes_of,
     problem_of,
-    require_bars_that_agree,
     session_notes,
 )
 from aacmm_pin.calibration.calibrate import contradiction_notes, counted_once
 from aacmm_pin.calibration.cross_validation import enough_postures, fold_numbers
 from aacmm_pin.calibration.estimation import fit
-from aacmm_pin.calibration.parameters import is_reestimated, length_to_hold
+from aacmm_pin.calibration.parameters import is_reestimated, require_scale
 from aacmm_pin.calibration.setup import checked_input
 from aacmm_pin.diagnosis.budget import budget_of
 from aacmm_pin.diagnosis.candidates import candidates, known_causes
@@ -138,7 +136,6 @@ def diagnose(
     problem_with = _problem_with_causes(model, measurements, setup)
     first_recalibration = first_fit(problem_with([]))
     _require_residuals(measurements, first_recalibration)
-    require_bars_that_agree(first_recalibration)
     notes += mistakes_of(first_recalibration)
     kind_of_fold, fold_of_record = fold_numbers(first_recalibration, rng)
     library = candidates(model, measurements, first_recalibration.problem, extra)
@@ -241,7 +238,6 @@ def _problem_with_causes(model: ErrorModel, measurements: Measurements, setup: S
     ]
 
     def problem(
-        setup: Setup,
         causes: Sequence[Effect],
         held_causes: Sequence[Effect] = (),
         removed: Sequence[Effect] = (),
@@ -265,8 +261,8 @@ def _problem_with_causes(model: ErrorModel, measurements: Measurements, setup: S
         calibration = problem_of(model_with_held, measurements, estimated, setup)
         return replace(calibration, candidates=len(added_last))
 
-    held_length = length_to_hold(problem(setup, []))
-    return partial(problem, replace(setup, held_length=held_length))
+    require_scale(problem([]))
+    return problem
 
 
 def _with_wide_prior(effect: Effect) -> Effect:

@@ -258,7 +258,7 @@ class RecordNoise:
 
         The mean of a group of m, for example, has ``1 + m ratio²`` times the variance.
         """
-        if not (self.ratio or self.correlation.records):
+        if not (self.ratio or self.correlation.records.size):
             return rows
         whitened = self.correlation.whitened(rows.copy())
         if not self.ratio:

@@ -59,8 +59,6 @@ def notes_of(result: Diagnosis) -> Iterator[Note]:
     yield from _notes_of_known_causes(result)
     for effect in result.before.problem.model.effects:
         yield from effect.validity_notes(conditions)
-    if extended.problem.setup.held_length is not None:
-        yield Note("size_taken", {"length": extended.problem.setup.held_length.label})
     yield from _notes_of_clock(conditions)
     if too_good(extended):
         chi2, dof = extended.chi2

@@ -102,7 +102,7 @@ def test_a_stated_ratio_that_the_encoder_does_not_have_is_named(crane, rng):
     for truth, couplings, said in (
         (0.0, (SUM, GEAR), r"joint = 3, of = 2\D* -1 \D* 0\b"),
         (1.0, (SUM, GEAR), r"joint = 3, of = 2\D* -1 \D* 1\b"),
-        (-1.0, (SUM, (5, 5, 2.0)), r"joint = 5, of = 5\D* 2 \D* 0\.5"),
+        (-1.0, (SUM, (5, 5, 2.0)), r"joint = 5, of = 5\D* 0\.5"),
     ):
         records = Plant(rng, truth).records(rng, 40)
         with pytest.raises(MistakenFileError, match=said):

@@ -104,7 +104,7 @@ MISTAKES = {
     ],
     "external": [*OF_ANGLES, (OF_COORDINATES[1][0], "mirrored"), *OF_COORDINATES[2:4]],
     "seats": [*OF_ANGLES[5:], *OF_ANGLES[:5]],
-    "bars": [(bars_in_metres, "bars are in metres"), OF_ANGLES[2]],
+    "bars": [(bars_in_metres, "are in metres"), OF_ANGLES[2]],
 }
 
 

@@ -16,7 +16,6 @@ from aacmm_pin.calibration import Calibration, calibrate
 from aacmm_pin.calibration.shared_exclusions import clusters
 from aacmm_pin.measurements import Measurements, simulate_measurements
 from aacmm_pin.report.calibration_page import calibration_summary, verdict
-from tests.notes import data_of
 
 RECORDS = 80
 
@@ -63,24 +62,6 @@ def test_scattered_records_that_are_too_many_are_in_the_headline(sino6):
     assert found.exclusions.too_many
     assert found.exclusions.shared is None
     assert str(int(found.fit.excluded.sum())) in verdict(found).split(".")[0]
-
-
-def test_what_is_left_hardly_moves_a_joint(sino6):
-    """Joint 6 stands nearly still but for the records of which its encoder is wrong, here and there
-    in the file.
-    """
-    rng = np.random.default_rng(4)
-    q = random_postures(sino6, 100, rng)
-    moves = rng.permutation(100) < 14
-    q[~moves, 5] = 1.0 + 0.05 * q[~moves, 5]
-    reference = sino6.positions(q) + 1e-5 * rng.standard_normal((100, 3))
-    q[moves, 5] += 0.5
-    found = calibrate(sino6, Measurements.of(q, reference), hold_out=False)
-    assert moves[found.fit.excluded].all()
-    (narrowed,) = found.exclusions.narrowed
-    assert narrowed.joint == 6
-    assert narrowed.used == pytest.approx(np.ptp(q[found.fit.used, 5]))
-    assert [told["joint"] for told in data_of(found.notes, "joint_narrowed")] == [6]
 
 
 @pytest.mark.parametrize("share", [0.0, 0.01, 0.03])

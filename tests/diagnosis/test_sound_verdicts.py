@@ -314,21 +314,6 @@ def test_a_value_that_nature_does_not_have_explains_nothing(sino6):
     assert found.verdict not in ("explained", "no-discrepancy")
 
 
-@pytest.mark.long
-def test_an_arm_of_which_nothing_tells_the_size_keeps_it(zero6):
-    """Unknown seats, no bar, no stated length: the smallest arm would scatter least."""
-    hidden = ErrorModel(zero6, (EncoderEccentricity(3, values=(2e-4, 0.0)),))
-    data = simulate_measurements(hidden, "seats", 100, known=False, rng=np.random.default_rng(4))
-    found = diagnose(zero6, data, encoder_noise=8e-6, probe_noise=5e-6, hold_out=False)
-    assert [finding.label for finding in found.findings] == ["encoder_eccentricity:3"]
-    assert len(data_of(found.notes, "size_taken")) == 1
-    before, after = (arm.require_dh("this test") for arm in (zero6, found.model.arm))
-    lengths = np.abs(np.concatenate([before.a, before.d]))
-    change = np.concatenate([after.a - before.a, after.d - before.d])
-    assert abs(change[np.argmax(lengths)]) < 1e-8
-    assert np.abs(change[lengths > 0.1]).max() < 1e-3
-
-
 def known_before(sino6: Arm, *new: Effect, value: float = 2e-5, records: int = 60) -> Diagnosis:
     """Of records of an arm that is known to have a compliance of joint 2, with another value or
     with causes besides.

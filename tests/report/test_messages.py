@@ -69,7 +69,6 @@ def test_sentences_are_short_and_ask_nothing():
         (Note("few_postures", {"postures": 1, "records": 12}), "1 posture"),
         (Note("columns_unused", {"columns": ["a", "b", "c"]}), "a, b and c"),
         (Note("reference_noise_assumed", {"noise": 1.2e-5}), "0.012 mm"),
-        (Note("joint_narrowed", {"joint": 2, "used": 0.5, "seen": 1.0, "unit": "°"}), "28.6°"),
         (Note("readings_scatter", {"joint": 2, "scatter": 5.04e-5, "unit": "µrad"}), "50 µrad"),
         (
             Note("arm_degenerate").with_place("sphere 2").with_place("touches.csv"),
