@@ -76,11 +76,11 @@ def calibrated_model(fit: Fit, held: HeldEffects | None = None) -> ErrorModel:
         if is_of_setup(effect):
             has_u[entries] = False
         elif vector.arm_parameters[entries.start] is None:
-            nonlinear_u = fit.nonlinear_u.get((effect.key, effect.nonlinear.field), 0.0)
+            nonlinear_u = fit.nonlinear_u.get(effect.key, 0.0)
             at_estimate = effect.at(x[entries], u_with_open[entries])
             effects.append(replace(at_estimate, nonlinear_u=nonlinear_u))
     names = [name if keep else "" for name, keep in zip(vector.names, has_u, strict=True)]
-    names += [f"{effect.key}.{name}" for _, effect, name, _ in fit.nonlinear_parameters]
+    names += [f"{effect.key}.{effect.nonlinear.field}" for effect in fit.nonlinear_widths]
     # The columns of the frame stay out.
     nonlinear = range(problem.scales.size, len(fit.full_covariance))
     columns = [*range(vector.size), *nonlinear]

@@ -61,7 +61,7 @@ class Fit:
         message: why the search ended before it converged; "" if it converged.
         chi2_stated: χ² against the stated noise alone; None if it is not complete.
         estimated_nonlinear: effects, by keys, whose nonlinear parameters come from these records
-            too; with the least u of each, by name, if the derivative gives too little.
+            too; with the least u of each, if the derivative gives too little.
         added_covariance: of all columns, for an error that several records share (p, p) [units].
     """
 
@@ -73,7 +73,7 @@ class Fit:
     steps: int = 0
     message: str = ""
     chi2_stated: Chi2 | None = None
-    estimated_nonlinear: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    estimated_nonlinear: Mapping[str, float] = field(default_factory=dict)
     added_covariance: Array | float = 0.0
 
     @staticmethod
@@ -364,61 +364,52 @@ class Fit:
         return -steps @ (steps.T @ (by_estimates.T @ by_others))
 
     @property
-    def nonlinear_u(self) -> dict[tuple[str, str], float]:
-        """Standard uncertainty of each uncertain nonlinear parameter, by key of the effect and
-        field.
-        """
+    def nonlinear_u(self) -> dict[str, float]:
+        """Standard uncertainty of each uncertain nonlinear parameter, by key of its effect."""
         variances = np.diag(self.full_covariance)[self.problem.scales.size :]
-        u = np.sqrt(variances).tolist()
-        keys = [(effect.key, name) for _, effect, name, _ in self.nonlinear_parameters]
-        return dict(zip(keys, u, strict=True))
+        keys = [effect.key for effect in self.nonlinear_widths]
+        return dict(zip(keys, np.sqrt(variances).tolist(), strict=True))
 
     @cached_property
-    def nonlinear_parameters(self) -> list[tuple[int, Effect, str, float]]:
-        """The uncertain ones: number of the effect, effect, field, prior standard deviation."""
-        uncertain = []
-        for k, effect in enumerate(self.effects):
-            nonlinear = effect.nonlinear
+    def nonlinear_widths(self) -> dict[Effect, float]:
+        """Effects with an uncertain nonlinear parameter, and its prior standard deviation."""
+        widths = {}
+        for effect in self.effects:
             is_estimated = effect.key in self.estimated_nonlinear
-            width = nonlinear.prior_sd(effect) if is_estimated else effect.nonlinear_u
+            width = effect.nonlinear.prior_sd(effect) if is_estimated else effect.nonlinear_u
             if width:
-                uncertain.append((k, effect, nonlinear.field, width))
-        return uncertain
+                widths[effect] = width
+        return widths
 
     @cached_property
     def full_covariance(self) -> Array:
         """Of all columns and, last, of the nonlinear parameters."""
-        covariance = self._covariance_of_independent_records()
-        p = self.problem.scales.size
-        covariance[:p, :p] += self.added_covariance
-        return covariance
-
-    def _covariance_of_independent_records(self) -> Array:
-        parameters = self.nonlinear_parameters
-        if not parameters:
-            return self.system.covariance(self.unknown)
         point = self.point
-        widths = np.array([width for *_, width in parameters])
-        by_nonlinear = np.stack(
-            [self._nonlinear_derivative(*parameter) for parameter in parameters], axis=2
-        )
-        jacobian = np.concatenate([point.prediction.jacobian, by_nonlinear], axis=2)
-        system = self._with_jacobian(jacobian, self.problem.prior(point.x, widths))
+        p = self.problem.scales.size
+        widths = np.array([*self.nonlinear_widths.values()])
+        system = self.system
+        if widths.size:
+            by_nonlinear = [self._by_nonlinear(*item) for item in self.nonlinear_widths.items()]
+            columns = [point.prediction.jacobian, np.stack(by_nonlinear, axis=2)]
+            prior = self.problem.prior(point.x, widths)
+            system = self._with_jacobian(np.concatenate(columns, axis=2), prior)
         covariance = system.covariance(np.pad(self.unknown, ((0, widths.size), (0, 0))))
-        for column, (_, effect, name, _) in enumerate(parameters, self.problem.scales.size):
+        for column, effect in enumerate(self.nonlinear_widths, p):
             variance = covariance[column, column]
-            least = self.estimated_nonlinear.get(effect.key, {}).get(name, 0.0) ** 2
+            least = self.estimated_nonlinear.get(effect.key, 0.0) ** 2
             if 0.0 < variance < least:  # what is correlated with it grows too
                 regression = covariance[column] / variance
                 covariance = covariance + (least - variance) * np.outer(regression, regression)
+        covariance[:p, :p] += self.added_covariance
         return covariance
 
-    def _nonlinear_derivative(self, number: int, effect: Effect, name: str, width: float) -> Array:
+    def _by_nonlinear(self, effect: Effect, width: float) -> Array:
         """∂(pose)/∂(nonlinear parameter) (n, 3 or 6) [m/unit]."""
+        name = effect.nonlinear.field
         poses = []
         for step in (DIFFERENCE_STEP * width, -DIFFERENCE_STEP * width):
-            effects = list(self.problem.vector.effects)
-            effects[number] = replace(effects[number], **{name: getattr(effect, name) + step})
+            changed = replace(effect, **{name: getattr(effect, name) + step})
+            effects = [changed if other == effect else other for other in self.effects]
             vector = replace(self.problem.vector, effects=tuple(effects))
             displaced = replace(self.problem, vector=vector)
             poses.append(displaced.poses(self.point.x, self.point.frame))

@@ -126,36 +126,31 @@ def repeatability_of(fit: Fit) -> Repeatability | None:
     not count.
     """
     records, conditions = fit.problem.measurements, fit.problem.measurements.conditions
-    seat = None if conditions.seat is None else np.where(records.placed, "", conditions.seat)
     labels = {
         "posture": records.postures,
         "placed": records.placed,
-        "seat": seat,
-        "marker": conditions.marker,
-        "session": conditions.session,
+        "seat": np.where(records.placed, "", conditions.labels("seat")),
+        "marker": conditions.labels("marker"),
+        "session": conditions.labels("session"),
     }
-    used = np.flatnonzero(fit.used & ~fit.observations.on_surface)
-    table = pd.DataFrame(labels).iloc[used]
-    repeated = table.duplicated(keep=False).to_numpy()
-    if not repeated.any():
+    used = fit.used & ~fit.observations.on_surface
+    table = pd.DataFrame(labels)[used]
+    table = table[table.duplicated(keep=False)]
+    if table.empty:
         return None
-    rows = used[repeated]
-    by_posture = table[repeated].groupby([*labels], sort=False, dropna=False)
+    rows = table.index.to_numpy()
+    posture = np.asarray(table.groupby([*labels], sort=False).ngroup(), dtype=np.intp)
     target = np.where(records.placed[:, None], records.reference, 0.0)
-    deviations = pd.DataFrame(
-        (fit.point.prediction.tips - target)[rows], index=table[repeated].index
-    )
-    posture = np.asarray(by_posture.ngroup(), dtype=np.intp)
+    deviations = pd.DataFrame((fit.point.prediction.tips - target)[rows])
     # The coordinates of a seat are one reference for all of its records.
     own_reference = records.placed & (fit.observations.seat < 0)
     u = np.where(own_reference[:, None], reference_u(records, fit.problem.setup, np.nan), np.nan)
-    time = conditions.time
-    clock = records.row if time is None else time
+    clock = records.row if conditions.time is None else conditions.time
     return Repeatability(
         posture=posture,
         deviations=(deviations - deviations.groupby(posture).transform("mean")).to_numpy(),
         clock=np.asarray(clock[rows], dtype=np.float64),
-        is_timed=time is not None,
+        is_timed=conditions.time is not None,
         residuals=fit.system.deviation[used],
         reference_u=float(np.sqrt(np.square(u[rows]).mean())),
     )

@@ -17,20 +17,13 @@ from aacmm_pin.calibration.calibrated_arm import moved_arm
 from aacmm_pin.calibration.candidate_mistakes import BY_RECORDS, Mistake
 from aacmm_pin.calibration.estimation import fit
 from aacmm_pin.calibration.fit import Fit
-from aacmm_pin.calibration.parameters import asked_again, free_geometry
+from aacmm_pin.calibration.parameters import free_geometry
 from aacmm_pin.calibration.problem import Problem
-from aacmm_pin.effects import StylusOffset
 from aacmm_pin.errors import AacmmError
 
 USUAL = {"m": 3e-4, "rad": 2e-3}
 """Error of a value that nobody stated, as manufactured [m, rad]."""
-TIP_OFFSET = StylusOffset(u=(USUAL["m"],) * 3)
-"""The usual error of the tip of a URDF."""
 SHOWN_UNITS = {"m": "mm", "rad": "°"}
-PLACEMENT_KINDS = {
-    **{kind: f"along {kind}" for kind in "xyz"},
-    **{f"r{kind}": f"about {kind}" for kind in "xyz"},
-}
 LEAST_WRONG = {"m": 4e-4, "rad": 4e-3}
 """A smaller error is none of the file [m, rad] …"""
 LEAST_OF_STATED = 0.2
@@ -101,6 +94,8 @@ def _likely_values(after: Fit) -> Iterator[Mistake]:
                 steps = {parameters[k].name: step for k, step in zip(zeros, of_zeros, strict=True)}
                 yield mistake("zeros_off", {"joints": zeros.size, "largest": largest}, steps)
             return
+    if arm.dh is None:  # the file states placements, not single values
+        return
     information = np.linalg.inv(errors.covariance)
     lengths = np.sqrt(np.diag(information))
     same_effect = np.abs(information) >= ONE_EFFECT * np.outer(lengths, lengths)
@@ -135,7 +130,7 @@ class _Errors(NamedTuple):
 
 
 def _errors_of_values(after: Fit) -> _Errors | None:
-    """After a free fit; None if values are about as stated. The tip of a URDF is uncertain too."""
+    """After a free fit; None if values are about as stated."""
     problem = after.problem
     geometric = np.flatnonzero(problem.vector.geometric)
     if not geometric.size or not after.determines_noise:
@@ -144,10 +139,6 @@ def _errors_of_values(after: Fit) -> _Errors | None:
     if after.scatter == 0.0 and (changes < FAR_OFF * _usual(problem, geometric)).all():
         return None
     asked = _thinned(problem)
-    has_offset = any(isinstance(effect, StylusOffset) for effect in problem.vector.effects)
-    if problem.model.arm.dh is None and not has_offset:
-        asked = asked_again(asked, problem.model, problem.setup, TIP_OFFSET)
-    geometric = np.flatnonzero(asked.vector.geometric)
     try:
         free = fit(free_geometry(asked))
     except AacmmError:
@@ -188,8 +179,4 @@ def _code_and_data(
     data |= {"stated": parameter.value, "found": by_records, "same": same}
     if abs(by_records + parameter.value) < SAME_SIZE * abs(parameter.value):
         return "wrong_sign", data
-    code = "wrong_value"
-    if parameter.kind in PLACEMENT_KINDS:
-        code = "wrong_placement"
-        data |= {"joint": parameter.joint, "motion": PLACEMENT_KINDS[parameter.kind]}
-    return f"{code}_or" if same else code, data
+    return "wrong_value_or" if same else "wrong_value", data

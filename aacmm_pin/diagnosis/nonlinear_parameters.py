@@ -146,8 +146,7 @@ def with_nonlinear_u(fit: Fit, noise: RecordNoise, effects: Sequence[Effect]) ->
     for effect, entries in zip(fit.effects, fit.problem.vector.slices, strict=True):
         k = number_by_label.get(effect.label, -1)
         if k in log_odds and not fit.problem.start[entries].any():
-            u = _least_u(effect, tried_by_number[k], log_odds[k])
-            u_by_key[effect.key] = {effect.nonlinear.field: u}
+            u_by_key[effect.key] = _least_u(effect, tried_by_number[k], log_odds[k])
     return replace(fit, estimated_nonlinear=u_by_key)
 
 
@@ -194,7 +193,7 @@ def nonlinear_interval(choice: Choice, block: int, effect: Effect) -> NonlinearI
     """
     name = effect.nonlinear.field
     if not name or effect.nonlinear.prior_sd(effect):
-        u = choice.fit.nonlinear_u.get((effect.key, name))
+        u = choice.fit.nonlinear_u.get(effect.key)
         if u is None:
             return None
         value = float(getattr(effect, name))
