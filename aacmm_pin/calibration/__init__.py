@@ -5,9 +5,9 @@ It also finds mistakes in files, such as a wrong sign, column, unit or frame.
 
 from aacmm_pin.calibration.calibrate import calibrate
 from aacmm_pin.calibration.calibrated_arm import HeldEffects, calibrated_model, is_of_setup
-from aacmm_pin.calibration.common_readings import Correlation
 from aacmm_pin.calibration.comparison import Comparison, compare
 from aacmm_pin.calibration.cross_validation import HeldOut, rms, rms_residual
+from aacmm_pin.calibration.estimation import information_of_seats
 from aacmm_pin.calibration.fit import MISFIT, NO_SCATTER, Fit
 from aacmm_pin.calibration.identifiability import Observability
 from aacmm_pin.calibration.input_mistakes import (
@@ -21,7 +21,7 @@ from aacmm_pin.calibration.least_squares import (
     solve_lower,
 )
 from aacmm_pin.calibration.linearisation import SeatElimination
-from aacmm_pin.calibration.noise_model import NoiseModel, Scatters, observations_of
+from aacmm_pin.calibration.noise_model import Correlation, NoiseModel, Scatters, observations_of
 from aacmm_pin.calibration.parameter_vector import ParameterVector, geometric_parameters
 from aacmm_pin.calibration.parameters import ASSEMBLED, problem_of
 from aacmm_pin.calibration.problem import Frame, Problem, registered
@@ -37,7 +37,6 @@ from aacmm_pin.calibration.result import (
 from aacmm_pin.calibration.session_frames import in_first_frame, session_notes
 from aacmm_pin.calibration.setup import ReferenceFrame, Setup, Target
 from aacmm_pin.calibration.shared_exclusions import Exclusions, exclusions_of
-from aacmm_pin.calibration.variance_components import information_of_seats
 
 __all__ = [
     "ASSEMBLED",

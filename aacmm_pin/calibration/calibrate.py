@@ -20,9 +20,8 @@ from aacmm_pin.arm import whole_turn_notes
 from aacmm_pin.calibration.calibrated_arm import temperature_of
 from aacmm_pin.calibration.cross_validation import enough_postures, held_out, rms
 from aacmm_pin.calibration.fit import Fit
-from aacmm_pin.calibration.input_mistakes import FAR, first_fit, mistakes_of
+from aacmm_pin.calibration.input_mistakes import FAR, first_fit, mistakes_of, odd_relation
 from aacmm_pin.calibration.noise_model import BAR_NOISE, contradictions, reference_u
-from aacmm_pin.calibration.odd_relations import odd_relation
 from aacmm_pin.calibration.parameters import (
     ASSEMBLED,
     ParameterSet,

@@ -10,9 +10,8 @@ from scipy.linalg import block_diag
 
 from aacmm_pin._support.checks import Array, Index, Mask
 from aacmm_pin.arm import exp, skew
-from aacmm_pin.calibration.jacobian import Columns
 from aacmm_pin.calibration.least_squares import Prior
-from aacmm_pin.calibration.parameter_vector import ParameterVector
+from aacmm_pin.calibration.parameter_vector import Columns, ParameterVector
 from aacmm_pin.calibration.setup import Setup
 from aacmm_pin.effects import Effect, ErrorModel, State, StylusOffset
 from aacmm_pin.measurements import Measurements, orientation

@@ -16,7 +16,7 @@ import numpy as np
 
 from aacmm_pin._support.checks import Array, Index, Mask
 from aacmm_pin.calibration import Fit, HeldEffects, information_of_seats
-from aacmm_pin.calibration.jacobian import Columns
+from aacmm_pin.calibration.parameter_vector import Columns
 from aacmm_pin.diagnosis.candidates import Variants, is_change
 from aacmm_pin.diagnosis.covariates import Carried, Covariate
 from aacmm_pin.effects import Carrier, Discrepancy, Effect, State

@@ -17,9 +17,8 @@ from aacmm_pin._support.distributions import chi2_isf
 from aacmm_pin._support.progress import bar
 from aacmm_pin.arm import COVERAGE_FACTOR
 from aacmm_pin.calibration import Fit, Problem, calibrated_model, rms
-from aacmm_pin.calibration.estimation import fit
+from aacmm_pin.calibration.estimation import FALSE_EXCLUSION, fit, squared_distances
 from aacmm_pin.calibration.shared_exclusions import clusters
-from aacmm_pin.calibration.variance_components import FALSE_EXCLUSION, squared_distances
 from aacmm_pin.diagnosis.candidates import Variants, is_change
 from aacmm_pin.diagnosis.choice import Choice, noise_is_known
 from aacmm_pin.diagnosis.covariates import Covariate

@@ -9,7 +9,7 @@ import numpy as np
 
 from aacmm_pin._support.checks import Array, Mask
 from aacmm_pin.calibration import Fit, rms
-from aacmm_pin.calibration.variance_components import LEAST_SCATTER
+from aacmm_pin.calibration.estimation import LEAST_SCATTER
 from aacmm_pin.diagnosis.record_noise import RecordNoise, reading_units
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS
 from aacmm_pin.measurements import Observations

@@ -14,13 +14,13 @@ from scipy.spatial.transform import Rotation
 from aacmm_pin.arm import Arm, exp
 from aacmm_pin.calibration import Fit, Observability, solver
 from aacmm_pin.calibration.cross_validation import distances
-from aacmm_pin.calibration.jacobian import Columns
+from aacmm_pin.calibration.estimation import deleted_distances, variance_components
 from aacmm_pin.calibration.linearisation import Point
 from aacmm_pin.calibration.noise_model import NoiseModel, Scatters, contradictions, observations_of
+from aacmm_pin.calibration.parameter_vector import Columns
 from aacmm_pin.calibration.parameters import problem_of
 from aacmm_pin.calibration.problem import Frame, Problem, registered
 from aacmm_pin.calibration.setup import Setup
-from aacmm_pin.calibration.variance_components import deleted_distances, variance_components
 from aacmm_pin.effects import (
     BearingTilt,
     Conditions,
