@@ -296,11 +296,15 @@ def _other_tables(stated: Array, is_small: bool) -> Iterator[tuple[str, _Values,
         if is_small and factor > 1.0:
             yield "table_unit", {"unit": unit}, stated * [factor, factor, 1.0, 1.0]
     for j, k in combinations(range(len(stated)), 2):
-        for code, columns in (("rows", slice(4)), ("values", slice(1)), ("values", slice(1, 2))):
+        for code, columns in (
+            ("rows_exchanged", slice(4)),
+            ("values_exchanged", slice(0, 1)),
+            ("values_exchanged", slice(1, 2)),
+        ):
             table = stated.copy()
             table[[j, k], columns] = stated[[k, j], columns]
             data = {"rows": (j + 1, k + 1), "value": TABLE_KEYS[columns.start or 0][0]}
-            yield f"{code}_exchanged", data, table
+            yield code, data, table
     for k in range(len(stated)):
         table = stated.copy()
         table[k, :2] = stated[k, 1::-1]

@@ -99,7 +99,13 @@ def first_fit(problem: Problem, *, robust: bool = True) -> Fit:
             f"records scatter by {after.scatter / MM:.0f} mm in each coordinate. The tips of the "
             f"arm at these angles scatter by {_travel(problem) / MM:.0f} mm.)"
         )
-    _require_orientations(after)
+    rows = after.used & after.observations.oriented
+    median_angle = np.median(after.turns[rows]) if rows.any() else 0.0
+    if median_angle >= ORIENTATION_FAR:
+        raise AacmmError(
+            f"{problem.measurements.source}: the orientations do not fit this arm (median error "
+            f"{median_angle / DEG:.3g}°): {Note('orientation_unlike')}"
+        )
     return after
 
 
@@ -144,27 +150,23 @@ def _require_no_mistake_in_a_session(problem: Problem) -> None:
             _require_no_mistake(part, None, one_session=True)
 
 
-def _require_orientations(after: Fit) -> None:
-    rows = after.used & after.observations.oriented
-    median_angle = np.median(after.turns[rows]) if rows.any() else 0.0
-    if median_angle >= ORIENTATION_FAR:
-        raise AacmmError(
-            f"{after.problem.measurements.source}: the orientations do not fit this arm (median "
-            f"error {median_angle / DEG:.3g}°): {Note('orientation_unlike')}"
-        )
-
-
 def _require_no_mistake(problem: Problem, after: Fit | None, *, one_session: bool = False) -> None:
     """Refuse records that a mistake explains, of which ``after`` is the fit, if they have one.
 
     The frame of one session may be another without a mistake, as of a stand that was moved.
     """
-    if problem.setup.frame_of_session:
-        problem = _of_first_session(problem)
     records = problem.measurements
+    if problem.setup.frame_of_session:
+        is_first = records.conditions.labels("session") == sessions_of(records)[0]
+        external = replace(problem.setup, reference_frame="external")
+        problem = asked_again(problem.of(records.take(is_first)), problem.model, external)
+        records = problem.measurements
     if records.n < FEWEST_FOR_MISTAKES:
         return
-    thinned = _as_described(problem.of(records.take(_thinned(records))))
+    # With frame and targets unknown, and the geometry as described.
+    offsets = [item for item in problem.asked if item == "tool" or isinstance(item, StylusOffset)]
+    few_tips = replace(records.take(_thinned(records)), orientation=None)
+    thinned = problem_of(problem.model, few_tips, offsets, problem.setup)
     described_distance, described_misfit = _misfit(thinned)
     fitted_distance = np.inf if after is None else _distance_of(after)
     described_fits = described_distance < FAR or described_misfit < UNLIKE_PART
@@ -238,13 +240,6 @@ def _absorbs(after: Fit) -> bool:
     return bool((is_far & vector.geometric).any())
 
 
-def _as_described(problem: Problem) -> Problem:
-    """With frame and targets unknown, and the geometry as described."""
-    offsets = [item for item in problem.asked if item == "tool" or isinstance(item, StylusOffset)]
-    records = replace(problem.measurements, orientation=None)
-    return problem_of(problem.model, records, offsets, problem.setup)
-
-
 def _misfit(problem: Problem) -> tuple[float, float]:
     """Distance [m] of tips and targets, and its ratio to the tips' travel, with the frame and the
     targets fitted; infinite if there is none.
@@ -286,14 +281,6 @@ def _distance(observations: Observations, tips: Array, seats: Array) -> float:
 def _finite_median(distances: Array) -> float:
     finite = distances[np.isfinite(distances)]
     return float(np.median(finite)) if finite.size else np.inf
-
-
-def _of_first_session(problem: Problem) -> Problem:
-    records = problem.measurements
-    session = records.conditions.require("session", "reference frame")
-    first = problem.of(records.take(session == sessions_of(records)[0]))
-    setup = replace(problem.setup, reference_frame="external")
-    return asked_again(first, problem.model, setup)
 
 
 def _thinned(records: Measurements) -> Index:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, cast
@@ -147,12 +147,17 @@ class Calibration(Shown):
         The columns are ``before``, ``after``, ``change``, ``u`` and ``U`` (k = 2) in the unit of
         the row, and ``known``: ``measured``, ``hardly`` (the records add little), ``as stated``
         (they add nothing to the prior) or ``in combination``, without u, if it is part of a
-        combination in :attr:`undetermined`.
+        combination in :attr:`undetermined`. u contains the spread along such combinations, if this
+        is small beside the width of the parameter and beside what assembly allows.
         """
         problem = self.fit.problem
         vector = problem.vector
         units = [parameter.unit for parameter in vector.parameters]
-        u = self._u_of_parameters(units)
+        spread = np.linalg.norm(self.fit.undetermined.spread, axis=1)
+        # A target may be a metre from where it is stated.
+        assembled = np.array([ASSEMBLED.get(unit, np.inf) for unit in units])
+        is_open = spread > OPEN_PART * np.minimum(problem.widths, assembled)
+        u = np.where(is_open, np.nan, np.hypot(np.sqrt(np.diag(self.covariance)), spread))
         before = vector.stated_values + problem.start
         change = self.fit.point.x - problem.start
         table = pd.DataFrame({"parameter": vector.names, "unit": units})
@@ -167,17 +172,6 @@ class Calibration(Shown):
         words = ["in combination", "as stated", "hardly"]
         table["known"] = np.select([np.isnan(u), as_stated, hardly], words, "measured")
         return table
-
-    def _u_of_parameters(self, units: Sequence[str]) -> Array:
-        """u with the spread along undetermined combinations (p,); NaN where this spread is not
-        small beside the width of the parameter, or beside what the assembly of an arm allows.
-        """
-        spread = np.linalg.norm(self.fit.undetermined.spread, axis=1)
-        # A target may be a metre from where it is stated.
-        assembled = np.array([ASSEMBLED.get(unit, np.inf) for unit in units])
-        is_open = spread > OPEN_PART * np.minimum(self.fit.problem.widths, assembled)
-        u = np.hypot(np.sqrt(np.diag(self.covariance)), spread)
-        return np.where(is_open, np.nan, u)
 
     @cached_property
     def residuals(self) -> pd.DataFrame:

@@ -6,7 +6,6 @@ After a free fit, each in turn is taken to be wrong, the others to be as stated:
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -54,29 +53,23 @@ def wrong_value(after: Fit) -> Mistake | None:
     """The wrong geometric value of the arm file, or all zeros; None if values are about as stated,
     if none explains the others, or if another is wrong with it corrected.
     """
-    problem = _thinned(after.problem)
-    for mistake in _likely_values(after):
-        try:
-            corrected = fit(mistake.undone(problem))
-        except AacmmError:
-            continue
-        if not any(_likely_values(corrected)):
-            return mistake
-    return None
+    mistake = _likely_value(after)
+    if mistake is None:
+        return None
+    try:
+        corrected = fit(mistake.undone(_thinned(after.problem)))
+    except AacmmError:
+        return None
+    return None if _likely_value(corrected) else mistake
 
 
-def _likely_values(after: Fit) -> Iterator[Mistake]:
-    """All zeros, or values that each explain more than all others together, best first."""
+def _likely_value(after: Fit) -> Mistake | None:
+    """All zeros, or the value that explains more than all others together."""
     errors = _errors_of_values(after)
     if errors is None:
-        return
+        return None
     parameters, zeros = errors.parameters, errors.zeros
     arm = after.problem.model.arm
-
-    def mistake(code: str, data: dict[str, Any], steps: dict[str, float]) -> Mistake:
-        corrected = moved_arm(arm, steps, arm.covariance)
-        return Mistake(code, data, arm=corrected, free_numbers=BY_RECORDS)
-
     precision = np.linalg.inv(errors.covariance + np.diag(errors.usual**2))
     pulls = precision @ errors.values
     cost = float(errors.values @ pulls)
@@ -90,26 +83,26 @@ def _likely_values(after: Fit) -> Iterator[Mistake]:
         # All zeros are more probable than any one value.
         if gain - gains[best] > LEAST_GAIN_OF_VALUE + PER_PARAMETER * zeros.size:
             largest = float(np.abs(of_zeros).max())
-            if gain > LEAST_DOMINANCE * (cost - gain) and largest > LEAST_WRONG["rad"]:
-                steps = {parameters[k].name: step for k, step in zip(zeros, of_zeros, strict=True)}
-                yield mistake("zeros_off", {"joints": zeros.size, "largest": largest}, steps)
-            return
-    if arm.dh is None:  # the file states placements, not single values
-        return
+            if gain <= LEAST_DOMINANCE * (cost - gain) or largest <= LEAST_WRONG["rad"]:
+                return None
+            steps = {parameters[k].name: step for k, step in zip(zeros, of_zeros, strict=True)}
+            corrected = moved_arm(arm, steps, arm.covariance)
+            data = {"joints": zeros.size, "largest": largest}
+            return Mistake("zeros_off", data, arm=corrected, free_numbers=BY_RECORDS)
+    parameter, error = parameters[best], float(singly[best])
     information = np.linalg.inv(errors.covariance)
     lengths = np.sqrt(np.diag(information))
-    same_effect = np.abs(information) >= ONE_EFFECT * np.outer(lengths, lengths)
-    rivals = (gains > gains[best] - RIVAL_GAIN) & ~same_effect[best]
-    if rivals.sum() >= MOST_ALIKE:
-        return
-    is_sure = gains > np.maximum(LEAST_GAIN_OF_VALUE, LEAST_DOMINANCE * (cost - gains))
-    by_gain = np.argsort(-gains, kind="stable")
-    for number in by_gain[is_sure[by_gain]][:MOST_ALIKE].tolist():
-        others = np.flatnonzero(same_effect[number]).tolist()
-        same = [parameters[k].name for k in others if k != number]
-        parameter, error = parameters[number], float(singly[number])
-        if abs(error) >= LEAST_WRONG[parameter.unit] * (LEAST_OF_STATED if parameter.u else 1.0):
-            yield mistake(*_code_and_data(parameter, error, same), {parameter.name: error})
+    same_effect = np.abs(information[best]) >= ONE_EFFECT * lengths[best] * lengths
+    rivals = (gains > gains[best] - RIVAL_GAIN) & ~same_effect
+    is_sure = gains[best] > max(LEAST_GAIN_OF_VALUE, LEAST_DOMINANCE * (cost - gains[best]))
+    least_change = LEAST_WRONG[parameter.unit] * (LEAST_OF_STATED if parameter.u else 1.0)
+    # The file of a URDF states placements, not single values.
+    if arm.dh is None or rivals.sum() >= MOST_ALIKE or not is_sure or abs(error) < least_change:
+        return None
+    same = [parameters[k].name for k in np.flatnonzero(same_effect) if k != best]
+    corrected = moved_arm(arm, {parameter.name: error}, arm.covariance)
+    code, data = _code_and_data(parameter, error, same)
+    return Mistake(code, data, arm=corrected, free_numbers=BY_RECORDS)
 
 
 class _Errors(NamedTuple):
