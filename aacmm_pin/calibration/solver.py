@@ -245,10 +245,10 @@ def _robust_weights(distance: Array) -> Array:
 
 
 class _Placement(NamedTuple):
-    """Sum of all distances [m]; factors w of the columns; solution z, t and c (m + 3,) [m]."""
+    """Sum of all distances [m]; rotation W; solution z, t and c (m + 3,) [m]."""
 
     total: float
-    w: Array
+    rotation: Array
     z: Array
 
 
@@ -268,17 +268,21 @@ def first_placement(problem: Problem, tips: Array, by_offset: Array) -> tuple[Fr
     records = problem.measurements
     stating = records.known
     tips, references, linear = tips[stating], records.reference[stating], by_offset[stating]
+    middle = np.zeros(3)
+    if problem.external:
+        middle = references.mean(axis=0)
+        by_shift = np.broadcast_to(np.eye(3), (len(tips), 3, 3))
+        linear = np.concatenate([linear, by_shift], axis=2)
+    by_rotation = np.einsum("ij,nk->nijk", np.eye(3), references - middle).reshape(-1, 3, 9)
+    equations = _Equations(np.concatenate([by_rotation, tips[:, :, None]], axis=2), linear)
     if not problem.external:
-        equations = _Equations((references - tips)[:, :, None], linear)
-        return Frame.identity(), _nearest_placement(equations, None).z
-    middle = references.mean(axis=0)
-    by_shift = np.broadcast_to(np.eye(3), (len(tips), 3, 3))
-    linear = np.concatenate([linear, by_shift], axis=2)
-    equations = _Equations.of(tips, references - middle, linear)
-    placements = [_nearest_placement(equations, start) for start in _minima(equations)[:BASINS]]
+        return Frame.identity(), _nearest_placement(equations, np.eye(3), may_turn=False).z
+    placements = [
+        _nearest_placement(equations, start, may_turn=True) for start in _minima(equations)[:BASINS]
+    ]
     nearest = min(placements, key=lambda placement: placement.total)
     offsets, shift = np.split(nearest.z, [-3])
-    rotation = nearest.w[:9].reshape(3, 3).T
+    rotation = nearest.rotation.T
     return Frame(rotation, middle + rotation @ shift), offsets
 
 
@@ -286,19 +290,12 @@ class _Equations(NamedTuple):
     """``columns w = linear z``: w are the nine numbers of W and -1, and z is what is linear.
 
     Attributes:
-        columns: (n, 3, 10); if the frame is known, their sum (n, 3, 1).
+        columns: (n, 3, 10).
         linear: (n, 3, m).
     """
 
     columns: Array
     linear: Array
-
-    @staticmethod
-    def of(tips: Array, references: Array, linear: Array) -> _Equations:
-        """``W reference - tip = linear z`` for each record."""
-        n = len(tips)
-        by_rotation = np.einsum("ij,nk->nijk", np.eye(3), references).reshape(n, 3, 9)
-        return _Equations(np.concatenate([by_rotation, tips[:, :, None]], axis=2), linear)
 
     def eliminated(self, weights: Array) -> tuple[Array, Array]:
         """z for each column (m, 10), and the columns less ``linear z`` (n, 3, 10)."""
@@ -310,25 +307,24 @@ class _Equations(NamedTuple):
         return solution, self.columns - self.linear @ solution
 
 
-def _nearest_placement(equations: _Equations, rotation: Array | None) -> _Placement:
-    """The least sum of distances near ``rotation`` W, by inverse distances as weights (Weiszfeld);
-    None if the frame is known.
+def _nearest_placement(equations: _Equations, rotation: Array, *, may_turn: bool) -> _Placement:
+    """The least sum of distances near ``rotation`` W, by inverse distances as weights
+    (Weiszfeld).
     """
     weights = np.ones(len(equations.columns))
-    w = np.ones(1)
     before = np.inf
     for _ in range(MOST_REWEIGHTINGS):
         z_of_columns, residual_columns = equations.eliminated(weights)
-        if rotation is not None:
+        if may_turn:
             rotation = _descend(_gram(residual_columns, weights), rotation[None])[0][0]
-            w = np.append(rotation, -1.0)
+        w = np.append(rotation, -1.0)
         distances = np.linalg.norm(residual_columns @ w, axis=1)
         total = float(distances.sum())
         if abs(before - total) < SETTLED_PART * total:
             break
         before = total
         weights = inverse_distances(distances)
-    return _Placement(total, w, z_of_columns @ w)
+    return _Placement(total, rotation, z_of_columns @ w)
 
 
 def _minima(equations: _Equations) -> list[Array]:
