@@ -210,10 +210,11 @@ def _mistakes_in_readings(problem: Problem) -> Iterator[Mistake]:
     arm = problem.model.arm
     nq = arm.nq
     for j, slides in enumerate(arm.chain.prismatic):
-        signs = np.where(np.arange(nq) == j, -1, 1)
-        yield reversed_and_turned(signs, np.zeros(nq, dtype=np.intp))
-        for degrees in () if slides else QUARTERS[1:]:
-            yield reversed_and_turned(signs**2, degrees * (signs < 0))
+        of_joint = np.eye(nq, dtype=np.intp)[j]
+        yield reversed_and_turned(1 - 2 * of_joint, 0 * of_joint)
+        if not slides:
+            for degrees in QUARTERS[1:]:
+                yield reversed_and_turned(np.ones_like(of_joint), degrees * of_joint)
         code = "slide_unit" if slides else "joint_angles_unit"
         for unit, factor in (SLIDE_UNITS if slides else JOINT_UNITS).items():
             column = "rad" if unit == "degrees" else "deg"

@@ -339,8 +339,9 @@ def contradictions(measurements: Measurements, setup: Setup, scatters: Scatters)
     reference, placed = measurements.reference, measurements.placed
     stating = {label: records[placed[records]] for label, records in measurements.seats().items()}
     for bar in measurements.bars():
-        ends = [stating[bar.seat_a], stating[bar.seat_b]]
-        if not all(map(len, ends)):
+        seats = (bar.seat_a, bar.seat_b)
+        ends = [stating[seat] for seat in seats if len(stating.get(seat, ()))]
+        if len(ends) < 2:
             continue
         a, b = (reference[records].mean(axis=0) for records in ends)
         distance = float(np.linalg.norm(a - b))
@@ -390,14 +391,15 @@ def _relations(
     relations = [one for one in stated if one[0] in number and one[1] in number]
     pairs = [(number[a], number[b]) for a, b, _, _ in relations]
     ends = np.array(pairs, dtype=np.intp).reshape(-1, 2)
+    values = [value for _, _, value, _ in relations]
     body_of_seat = clusters_of(ends, len(labels))
     bodies = defaultdict(set)  # on which each value is stated
-    for k, (_, _, value, _) in enumerate(relations):
+    for k, value in enumerate(values):
         bodies[value].add(-1 - k if value[0] == OF_BAR else body_of_seat[ends[k, 0]])
     places = [1 if is_guessed else len(bodies[value]) for _, _, value, is_guessed in relations]
-    kind = np.array([value[0] for _, _, value, _ in relations], dtype=np.str_)
-    values, u = np.array([value[1:] for _, _, value, _ in relations]).reshape(-1, 2).T
-    return ends, kind, values, u * np.sqrt(places)
+    kind = np.array([value[0] for value in values], dtype=np.str_)
+    numbers, u = np.array([value[1:] for value in values]).reshape(-1, 2).T
+    return ends, kind, numbers, u * np.sqrt(places)
 
 
 def _length_u(bar: Bar, setup: Setup) -> float:

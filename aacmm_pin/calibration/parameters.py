@@ -233,8 +233,9 @@ def is_reestimated(effect: Effect, setup: Setup, measurements: Measurements) -> 
 def _target_offsets(measurements: Measurements, target: Target) -> list[StylusOffset]:
     """One for each marker, or one if the target is not the tip."""
     markers = dict.fromkeys(filter(None, measurements.conditions.labels("marker").tolist()))
-    offsets = [StylusOffset(marker) for marker in markers]
-    return offsets or [StylusOffset()] * (target == "unknown")
+    if not markers and target == "unknown":
+        return [StylusOffset()]
+    return [StylusOffset(marker) for marker in markers]
 
 
 def _unknown_offset(offset: StylusOffset) -> _Unknown:
