@@ -17,7 +17,7 @@ from .conditions import (
     Covariate,
     Labels,
     Records,
-    labels_of,
+    array_of,
 )
 from .effect import (
     Displacement,
@@ -180,6 +180,7 @@ __all__ = [
     "ZeroDrift",
     "about_axis",
     "all_candidates",
+    "array_of",
     "as_causes",
     "axis",
     "cause_in_words",
@@ -196,7 +197,6 @@ __all__ = [
     "joint_commands",
     "joint_zeros",
     "known_range_in_words",
-    "labels_of",
     "listed",
     "load_variants",
     "loaded",

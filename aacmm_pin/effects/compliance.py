@@ -475,21 +475,16 @@ class Counterbalance(Effect):
     def displacements(self, state: State) -> list[Displacement]:
         """The rotation, proportional to the horizontal part of the body across the axis."""
         row = state.known_row(self.joint)
-        horizontal = np.cross(self._direction(state), state.down)
-        lever = state.along_axis(row, horizontal)
-        return [about_axis(state, self.joint, lever[:, None])]
-
-    def _direction(self, state: State) -> Array:
-        """u (n, 3) in the base."""
-        if self.joint < state.arm.chain.rows:
-            # The next axis is constant in the body: the next joint rotates about it.
-            constant = state.arm.chain.constant
-            next_axis = constant[axis(self.joint + 1)][:3, 2]
-            is_across = abs(constant[end(self.joint)][2, :3] @ next_axis) < 0.5
-            if is_across:
-                return np.asarray(state.rotation[end(self.joint)] @ next_axis)
-        span = state.span(self.joint)
-        return span / length_of(span, state, self.joint, self.label)
+        chain = state.arm.chain
+        # The next axis is constant in the body: the next joint rotates about it.
+        next_axis = chain.constant[axis(row + 1)][:3, 2] if row < chain.rows else None
+        if next_axis is not None and abs(chain.constant[end(row)][2, :3] @ next_axis) < 0.5:
+            direction = state.rotation[end(row)] @ next_axis
+        else:
+            span = state.span(row)
+            direction = span / length_of(span, state, row, self.label)
+        lever = state.along_axis(row, np.cross(direction, state.down))
+        return [about_axis(state, row, lever[:, None])]
 
 
 @dataclass(frozen=True)

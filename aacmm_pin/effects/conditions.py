@@ -185,22 +185,10 @@ class Conditions(Shown):
         if self.n < 0:
             raise ShapeError(f"conditions have {self.n} records; expected 0 or more")
         for name in self.present:
-            values = getattr(self, name)
             column = CONDITION_ENTRIES[name]
-            checked: NDArray[Any]
-            if not column.unit:
-                checked = labels_of(name, values, self.n)
-            elif len(column.names) > 1:
-                checked = _directions(values)
-            elif column.is_numbered:
-                checked = batch(values, width_of(values), name, column.unit)
-            else:
-                unit = "rad" if column.unit == "°" else column.unit
-                checked = vector(values, self.n, name, unit)
-            if len(checked) != self.n:
-                raise ShapeError(
-                    f"{name} has {len(checked)} rows; expected {self.n}, one for each record"
-                )
+            checked = array_of(column, getattr(self, name), self.n)
+            if column.is_direction:
+                checked = _unit_vectors(checked, name)
             if column.range is not None:
                 column.range.check(checked, name, ShapeError)
             if name == "approach" and not np.isin(checked, (-1.0, 0.0, 1.0)).all():
@@ -326,28 +314,35 @@ class Records(Protocol):
         """True for records with known coordinates of the tip, ``(n,)``."""
 
 
-def _directions(values: ArrayLike) -> Array:
-    """Unit vectors (n, 3), normalised; zeros stay."""
-    vectors = batch(values, 3, "probe_direction", "1")
+def _unit_vectors(vectors: Array, name: str) -> Array:
+    """Vectors (n, 3) with a length near 1, normalised; zeros stay."""
     length = np.linalg.norm(vectors, axis=1, keepdims=True)
     if (is_no_unit(length) & (length > 0.0)).any():
         came = f"lengths of {length.min():g} to {length.max():g}"
-        raise ShapeError(
-            f"probe_direction has {came}; expected 1, or 0 for records without a direction"
-        )
+        raise ShapeError(f"{name} has {came}; expected 1, or 0 for records without a direction")
     return vectors / np.where(length > 0.0, length, 1.0)
 
 
-def labels_of(name: str, values: ArrayLike, n: int) -> Labels:
-    """The labels of n records as a new array.
+def array_of(column: Column, values: ArrayLike, n: int) -> NDArray[Any]:
+    """The labels or numbers of a column in n records, as a new array.
 
     Raises:
-        ShapeError: the shape is wrong, or a label is not text.
+        ShapeError: the shape is wrong, a number is not finite, or a label is not text.
     """
-    labels = np.array(values, dtype=object)
-    if labels.shape != (n,):
-        raise ShapeError(f"{name} has shape {labels.shape}; expected ({n},) labels")
-    for i, label in enumerate(labels):
-        if not isinstance(label, str):
-            raise ShapeError(f"{name}[{i}] is {label!r}; expected text, or '' for no label")
-    return labels
+    name = column.field
+    if column.is_label:
+        labels = np.array(values, dtype=object)
+        if labels.shape != (n,):
+            raise ShapeError(f"{name} has shape {labels.shape}; expected ({n},) labels")
+        for i, label in enumerate(labels):
+            if not isinstance(label, str):
+                raise ShapeError(f"{name}[{i}] is {label!r}; expected text, or '' for no label")
+        return labels
+    unit = column.unit if column.range is None else column.range.unit
+    width = width_of(values) if column.is_numbered else len(column.names)
+    if not column.is_numbered and width == 1:
+        return vector(values, n, name, unit)
+    array = batch(values, width, name, unit)
+    if len(array) != n:
+        raise ShapeError(f"{name} has {len(array)} rows; expected {n}, one for each record")
+    return array

@@ -79,12 +79,9 @@ class Term:
     largest: float | None = None
 
     def __post_init__(self) -> None:
-        for name in ("typical", "scale"):
-            number = getattr(self, name)
-            if not (isinstance(number, int | float) and 0.0 < number < math.inf):
-                raise AacmmError(
-                    f"Term {self.key!r}: {name} is {number!r}; expected a number above 0"
-                )
+        if not (0.0 < self.typical < math.inf and 0.0 < self.scale < math.inf):
+            came = f"typical is {self.typical}, scale is {self.scale}"
+            raise AacmmError(f"Term {self.key!r}: {came}; expected numbers above 0")
 
     @property
     def unit_read(self) -> tuple[str, float]:
@@ -193,9 +190,9 @@ class TimeConstant(Nonlinear[E]):
 
     def grid(self, records: Records | None) -> Sequence[float]:
         """The usual time constants and a longer one, if the records have different times."""
-        time = np.arange(2) if records is None else records.conditions.time
-        slower = PRIOR_FACTOR * WARM_UP_TIMES[-1]
-        return (*WARM_UP_TIMES, slower) if time is not None and np.ptp(time) > 0.0 else ()
+        if records is not None and records.conditions.times.size < 2:
+            return ()
+        return (*WARM_UP_TIMES, PRIOR_FACTOR * WARM_UP_TIMES[-1])
 
     def refine(self, effect: E, records: Records) -> list[E]:
         """The effect with time constants from a third to three times its own."""
@@ -274,15 +271,13 @@ class Effect(Shown, ABC):
                 f"a row, from 1 to at most {MOST_ROWS}"
             )
         count = len(self.terms)
-        for name in ("values", "u"):
+        for name, least in (("values", -math.inf), ("u", 0.0)):
             numbers = tuple(map(float, getattr(self, name))) or (0.0,) * count
-            if len(numbers) != count or not all(map(math.isfinite, numbers)):
-                raise AacmmError(
-                    f"{self.label}: {name} is {numbers}; expected {count} finite numbers"
-                )
+            is_valid = [math.isfinite(number) and number >= least for number in numbers]
+            if len(numbers) != count or not all(is_valid):
+                expected = f"{count} finite numbers" + ", 0 or more" * (name == "u")
+                raise AacmmError(f"{self.label}: {name} is {numbers}; expected {expected}")
             object.__setattr__(self, name, numbers)
-        if min(self.u, default=0.0) < 0.0:
-            raise AacmmError(f"{self.label}: u is {self.u}; expected 0 or more")
         field = self.nonlinear.field
         above = self.nonlinear.above
         if field and not above < getattr(self, field) <= LATEST:
@@ -290,9 +285,6 @@ class Effect(Shown, ABC):
             raise AacmmError(
                 f"{self.label}: {field} is {getattr(self, field)}; expected {expected}"
             )
-        if not 0.0 <= self.nonlinear_u <= (LATEST if field else 0.0):
-            came = f"{self.label}: u of {field or 'no field'} is {self.nonlinear_u}"
-            raise AacmmError(f"{came}; expected a number from 0 to {LATEST:g}")
 
     @property
     @abstractmethod
@@ -346,7 +338,16 @@ class Effect(Shown, ABC):
         variants: list[dict[str, Any]] = [{}]
         if nonlinear.field:
             variants = [{nonlinear.field: value} for value in nonlinear.grid(records)]
-        locations = [{str(location): place} for place in _possible_places(location, arm, records)]
+        places: Sequence[Any] = []
+        if location == "joint":
+            places = arm.chain.moving_rows()
+        elif location == "link":
+            places = tubes(arm)
+        elif location is not None and records is not None:
+            counts = Counter(filter(None, records.conditions.labels(location)))
+            least = 2 if location == "seat" else 1
+            places = [label for label, count in counts.items() if count >= least]
+        locations = [{str(location): place} for place in places]
         if location not in required:
             locations.insert(0, {})
         for location_fields in locations:
@@ -525,19 +526,6 @@ def is_possible(effect: Effect, arm: Arm, records: Records | None) -> bool:
 def corrects_seat(effect: Effect) -> bool:
     """Whether the cause is an error of the stated place of a seat."""
     return effect.of_reference and effect.location_field() == "seat"
-
-
-def _possible_places(location: str | None, arm: Arm, records: Records | None) -> Sequence[Any]:
-    """Rows, or labels of the records."""
-    if location == "joint":
-        return arm.chain.moving_rows()
-    if location == "link":
-        return tubes(arm)
-    if location is None or records is None:
-        return []
-    counts = Counter(filter(None, records.conditions.labels(location)))
-    least = 2 if location == "seat" else 1
-    return [label for label, count in counts.items() if count >= least]
 
 
 def tubes(arm: Arm) -> list[int]:

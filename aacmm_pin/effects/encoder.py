@@ -210,9 +210,6 @@ class _Periodic(OfAngle):
         keys = ["amplitude_rad", "phase_rad"]
         require_names(file_values, keys, f"parameter of {self.label}")
         amplitude, phase = (file_values.get(key, 0.0) for key in keys)
-        if abs(phase) > LARGEST_ANGLE:
-            expected = f"expected at most {LARGEST_ANGLE:g}"
-            raise AacmmError(f"{self.label}: phase_rad is {phase:g}; {expected}")
         return (amplitude * np.cos(phase), amplitude * np.sin(phase))
 
     def readings(self) -> dict[str, Reading]:

@@ -285,23 +285,21 @@ class ThermalExpansion(Effect):
         """The growth of each length per unit of α."""
         all_rows = range(state.arm.chain.rows + 1)
         rows = all_rows if self.link is None else [state.known_row(self.link)]
-        displacements: list[Displacement] = []
-        for row in rows:
-            rise = self._temperature_rise(state, row)
-            displacements += growth_of_body(state, row, rise[:, None])
-        return displacements
-
-    def _temperature_rise(self, state: State, row: int) -> Array:
-        """Temperature of a body less the reference temperature (n,) [K]."""
         conditions = state.conditions
         of_rows = conditions.link_temperature
-        if of_rows is not None and 1 <= row <= of_rows.shape[1]:
-            temperature = of_rows[:, row - 1]
-        elif of_rows is not None and conditions.temperature is None:  # nobody measured the stand
-            temperature = of_rows.mean(axis=1)
-        else:
-            temperature = conditions.require("temperature", self.label)
-        return temperature - state.arm.reference_temperature
+        displacements: list[Displacement] = []
+        for row in rows:
+            if of_rows is not None and 1 <= row <= of_rows.shape[1]:
+                temperature = of_rows[:, row - 1]
+            elif (
+                of_rows is not None and conditions.temperature is None
+            ):  # nobody measured the stand
+                temperature = of_rows.mean(axis=1)
+            else:
+                temperature = conditions.require("temperature", self.label)
+            rise = temperature - state.arm.reference_temperature
+            displacements += growth_of_body(state, row, rise[:, None])
+        return displacements
 
 
 def _stylus_axis(effect: Effect, arm: Arm) -> Array:

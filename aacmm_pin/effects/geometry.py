@@ -26,20 +26,18 @@ class _RowValue(Effect):
     5).
     """
 
-    def _displaced_place(self, state: State) -> int:
-        """The axis for d and θ; for a and α the end of the body in standard DH, that of the body
+    def displacements(self, state: State) -> list[Displacement]:
+        """Of the axis for d and θ; for a and α of the end of the body in standard DH, of the body
         before in modified.
         """
         row = state.known_row(self.joint)
-        if self.component in (2, 5):
-            return axis(row)
-        dh = state.arm.require_dh(self.cause)
-        return end(row if dh.standard else row - 1)
-
-    def displacements(self, state: State) -> list[Displacement]:
+        place = axis(row)
+        if self.component not in (2, 5):
+            is_standard = state.arm.require_dh(self.cause).standard
+            place = end(row if is_standard else row - 1)
         columns = np.zeros((1, 6, 1))
         columns[:, self.component] = 1.0
-        return [Displacement(self._displaced_place(state), columns)]
+        return [Displacement(place, columns)]
 
 
 @dataclass(frozen=True)

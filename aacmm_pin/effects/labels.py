@@ -25,7 +25,6 @@ WHOLE_ARM = {"thermal_expansion": "the arm"}
 """Words for the whole arm, of causes that may have a place."""
 FEW_VALUES = 8
 MOST_DECIMALS = 6
-"""Numbers with more decimals have a power of ten."""
 
 
 def cause_in_words(kind: type[Effect]) -> str:
@@ -120,11 +119,11 @@ def values_in_words(
     if slides:
         for key, form in forms.items():
             forms[key] = form._replace(unit=form.unit.replace("rad", "m"))
-    micrometres = {key: forms[key] for key in values if forms[key].unit == "µm"}
-    sizes = [abs(values[key][0]) * form.factor for key, form in micrometres.items()]
+    in_micro = [key for key in values if forms[key].unit == "µm"]
+    sizes = [abs(values[key][0]) * forms[key].factor for key in in_micro]
     if max(sizes, default=0.0) >= LARGE_IN_MICRO:
-        for key, form in micrometres.items():
-            forms[key] = form._replace(unit="mm", factor=form.factor * MM)
+        for key in in_micro:
+            forms[key] = forms[key]._replace(unit="mm", factor=forms[key].factor * MM)
     pairs = values.items()
     return ", ".join(_value(forms[key], value, COVERAGE_FACTOR * u) for key, (value, u) in pairs)
 
@@ -141,13 +140,9 @@ def _value(form: Reading, value: float, expanded: float) -> str:
     if not 0.0 < expanded < np.inf:
         text = f"{value:.4g}"
     else:
-        digits = 1 - int(np.floor(np.log10(expanded)))
-        if digits > MOST_DECIMALS:
-            places = max(0, int(np.floor(np.log10(max(abs(value), expanded)))) + digits)
-            text = f"{value:.{places}e} ± {expanded:.1e}"
-        else:
-            spec = f"z.{max(digits, 0)}f"
-            text = f"{round(value, digits):{spec}} ± {round(expanded, digits):{spec}}"
+        digits = min(1 - int(np.floor(np.log10(expanded))), MOST_DECIMALS)
+        spec = f"z.{max(digits, 0)}f"
+        text = f"{round(value, digits):{spec}} ± {round(expanded, digits):{spec}}"
     if form.unit.startswith("·"):
         text = f"({text})"
     space = "" if form.unit[:1] in ("", "°", "·") else " "

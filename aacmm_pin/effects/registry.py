@@ -87,16 +87,15 @@ def register(cause: _Own) -> _Own:
 
 
 def _check_attributes(cause: type[Effect]) -> None:
-    columns = f"a tuple of some of {', '.join(CONDITION_COLUMNS)}"
-    checks: tuple[tuple[str, Callable[[Any], bool], str], ...] = (
-        ("terms", lambda terms: {*map(type, terms)} == {Term}, "a tuple of Terms"),
-        ("needs", {*CONDITION_COLUMNS}.issuperset, columns),
-    )
-    for name, is_valid, expected in checks:
-        stated = inspect.getattr_static(cause, name)
-        if isinstance(stated, property) or (isinstance(stated, tuple) and is_valid(stated)):
-            continue
-        raise CauseError(cause.cause, f"{name} is {stated!r}; expected {expected}")
+    terms = inspect.getattr_static(cause, "terms")
+    are_terms = isinstance(terms, tuple) and {*map(type, terms)} == {Term}
+    if not (are_terms or isinstance(terms, property)):
+        raise CauseError(cause.cause, f"terms is {terms!r}; expected a tuple of Terms")
+    needs = inspect.getattr_static(cause, "needs")
+    are_columns = isinstance(needs, tuple) and {*needs} <= {*CONDITION_COLUMNS}
+    if not (are_columns or isinstance(needs, property)):
+        columns = ", ".join(CONDITION_COLUMNS)
+        raise CauseError(cause.cause, f"needs is {needs!r}; expected a tuple of some of {columns}")
 
 
 def _checked(method: _Method, name: str) -> _Method:

@@ -34,12 +34,17 @@ RECORDED = ("time", "temperature")
 _JOINT = r"joint [1-9]\d{0,2}"
 OfJoint = Annotated[str, Field(pattern=f"^{_JOINT}$")]
 OfRecorded = Annotated[str, Field(pattern=f"^({'|'.join([_JOINT, *RECORDED])})$")]
-_STRICT = ConfigDict(extra="forbid", allow_inf_nan=False)
 Point = tuple[float, float, float]
 
 
+class _Strict:
+    """Functions of an arm file, which may have no other keys."""
+
+    __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid", allow_inf_nan=False)
+
+
 @dataclass(frozen=True)
-class Cosines:
+class Cosines(_Strict):
     """The functions ``cos kπp`` for k from 0 to ``count``, with the rank p of a value.
 
     p is the share of the fitted records with a smaller value, interpolated between knots and
@@ -59,7 +64,6 @@ class Cosines:
     below: tuple[float, ...]
     records: Annotated[int, Field(ge=1)]
     count: Annotated[int, Field(ge=0, le=MOST_FUNCTIONS)]
-    __pydantic_config__: ClassVar[ConfigDict] = _STRICT
 
     def __post_init__(self) -> None:
         if not len(self.at_si) == len(self.below) >= 1 or np.any(np.diff(self.at_si) <= 0.0):
@@ -94,7 +98,7 @@ class Cosines:
 
 
 @dataclass(frozen=True)
-class Waves:
+class Waves(_Strict):
     """The functions ``cos kq`` and ``sin kq`` of one joint, perhaps after the constant 1.
 
     Attributes:
@@ -109,7 +113,6 @@ class Waves:
     constant: bool = False
     order: Annotated[int, Field(ge=1, le=MOST_FUNCTIONS)] = 1
     less: tuple[float, float] = (0.0, 0.0)
-    __pydantic_config__: ClassVar[ConfigDict] = _STRICT
 
     @staticmethod
     def about_mean(of: str, state: State) -> Waves:
@@ -126,7 +129,7 @@ class Waves:
 
 
 @dataclass(frozen=True)
-class Moment:
+class Moment(_Strict):
     """The moment of the weights about the axis of a joint, less a first-order wave of its angle.
 
     Attributes:
@@ -137,7 +140,6 @@ class Moment:
     kind: Literal["moment"] = field(default="moment", kw_only=True)
     of: OfJoint
     less_nm: Point = (0.0, 0.0, 0.0)
-    __pydantic_config__: ClassVar[ConfigDict] = _STRICT
 
     @staticmethod
     def beyond_own_angle(of: str, state: State) -> Moment:
@@ -160,7 +162,7 @@ class Moment:
 
 
 @dataclass(frozen=True)
-class Bumps:
+class Bumps(_Strict):
     """The functions ``exp(-½ (r / width)²)`` of the distance r of the tip from points.
 
     Attributes:
@@ -172,7 +174,6 @@ class Bumps:
     centres_si: Annotated[tuple[Point, ...], Field(min_length=1, max_length=MOST_FUNCTIONS)]
     width_si: Annotated[float, Field(gt=0.0)]
     of: ClassVar[str] = "place"
-    __pydantic_config__: ClassVar[ConfigDict] = _STRICT
 
     def values(self, state: State) -> Array:
         """The functions in the records, ``(n, centres)``."""

@@ -14,17 +14,17 @@ from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
 import pandas as pd
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from aacmm_pin._support import plausible
-from aacmm_pin._support.checks import Array, Index, Mask, batch, vector, width_of
+from aacmm_pin._support.checks import Array, Index, Mask, batch, width_of
 from aacmm_pin._support.display import Shown
 from aacmm_pin._support.file_problems import Problems
 from aacmm_pin._support.notes import Note
 from aacmm_pin._support.text_escaping import csv_text
 from aacmm_pin._support.units import DEG, count
 from aacmm_pin.arm import Arm
-from aacmm_pin.effects import CONDITION_ENTRIES, Conditions, Covariate, Labels, labels_of
+from aacmm_pin.effects import CONDITION_ENTRIES, Conditions, Covariate, Labels, array_of
 from aacmm_pin.errors import AacmmError, ShapeError, UnknownNameError
 from aacmm_pin.measurements.csv_columns import (
     APPROACH,
@@ -92,7 +92,7 @@ class CovariateColumn(NamedTuple):
     """
 
     name: str
-    values: NDArray[Any] | pd.Series
+    values: pd.Series
     entry: Column
 
     @property
@@ -447,35 +447,31 @@ class Measurements(Shown):
         if not np.isfinite(self.reference_u).any():
             left_out |= {"reference_u"} if self.placed.any() else {"reference", "reference_u"}
         for column in RECORD_COLUMNS:
-            if column.field not in left_out:
-                table |= self._file_columns(column)
+            holder = self.conditions if column.field in CONDITION_ENTRIES else self
+            values = None if column.field in left_out else getattr(holder, column.field)
+            if values is None:
+                continue
+            if not column.is_label:
+                kind = np.int64 if column.names[0] == APPROACH else np.float64
+                values = (values / column.si).astype(kind)
+            names = named(column.names[0], values.shape[1]) if column.is_numbered else column.names
+            table |= dict(zip(names, np.atleast_2d(values.T), strict=True))
         return pd.concat([pd.DataFrame(table), self.extra], axis=1)
-
-    def _file_columns(self, column: Column) -> dict[str, NDArray[Any]]:
-        """{} if unknown."""
-        holder = self.conditions if column.field in CONDITION_ENTRIES else self
-        values = getattr(holder, column.field)
-        if values is None:
-            return {}
-        if not column.is_label:
-            kind = np.int64 if column.names[0] == APPROACH else np.float64
-            values = (values / column.si).astype(kind)
-        names = named(column.names[0], values.shape[1]) if column.is_numbered else column.names
-        return dict(zip(names, np.atleast_2d(values.T), strict=True))
 
     def covariate_columns(self) -> list[CovariateColumn]:
         """Return the columns on which residuals or exclusions may depend: of the whole arm, joints,
         groups, then :attr:`extra`.
         """
+        table = self.to_frame()
+        columns = [CovariateColumn(name, table[name], column_of(name)) for name in map(str, table)]
         kinds = get_args(Covariate)
-        columns = []
-        for entry in sorted(RECORD_COLUMNS, key=lambda entry: kinds.index(entry.covariate)):
-            if entry.field:
-                for name, values in self._file_columns(entry).items():
-                    columns.append(CovariateColumn(name, values, entry))
-        for name in map(str, self.extra):
-            columns.append(CovariateColumn(name, self.extra[name], column_of(name)))
-        return [column for column in columns if column.entry.covariate != "none"]
+
+        def order(column: CovariateColumn) -> int:
+            entry = column.entry
+            return kinds.index(entry.covariate) if entry.field else len(kinds)
+
+        acting = (column for column in columns if column.entry.covariate != "none")
+        return sorted(acting, key=order)
 
     def csv(self) -> str:
         """Return CSV text from which :meth:`read` restores the same numbers.
@@ -658,18 +654,15 @@ def _notes(values: Values, angles: Column) -> tuple[Note, ...]:
 
 def _checked(column: Column, values: ArrayLike, n: int) -> Any:
     """Values of a column as a new array, NaN if unknown."""
-    name = column.field
     if column.is_label:
-        return labels_of(name, values, n)
-    width = len(column.names)
-    unit = column.range.unit if column.range is not None else column.unit
+        return array_of(column, values, n)
     entries = values if isinstance(values, np.ndarray) else np.asarray(values, dtype=object)
     unknown = pd.isna(entries)
     filled = np.where(unknown, 0.0, values) if np.any(unknown) else values
-    array = vector(filled, n, name, unit) if width == 1 else batch(filled, width, name, unit)
-    if len(array) != n:
-        raise ShapeError(f"{name} has {len(array)} rows; expected {n}, one per record")
+    array = array_of(column, filled, n)
     array[unknown] = np.nan
+    name = column.field
+    width = len(column.names)
     components = [f"{name}[#, {k}]" for k in range(width)] if width > 1 else [f"{name}[#]"]
     problems = Problems("", np.arange(n))
     check_numbers(column, components, array.reshape(n, width), column.range, problems)

@@ -147,7 +147,7 @@ def test_values_have_two_digits_of_their_uncertainty():
             "compliance 12.01 ± 0.39 µrad/(N·m)",
         ),
         (LinkLength(1), "a_mm", 1.2345, 0.0765, "a 1230 ± 150 µm"),
-        (LinkLength(1), "a_mm", 2.1e-9, 4e-10, "a 2.10e-06 ± 8.0e-07 µm"),
+        (LinkLength(1), "a_mm", 2.1e-9, 4e-10, "a 0.000002 ± 0.000001 µm"),
         (EncoderGain(1), "gain", 9e-5, 0.0, "gain 90 ppm"),
     ):
         assert values_in_words(effect, {key: (value, u)}) == said
