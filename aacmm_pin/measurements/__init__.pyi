@@ -18,7 +18,6 @@ from .csv_columns import (
 )
 from .csv_table import is_workbook, measurement_file, read_table
 from .csv_values import FEWEST_CONTACTS, read_values
-from .measuring_points import Pool, bars_for, seats_for
 from .noise import ENCODER, PROBE, REFERENCE_NOISE, Noise
 from .observations import (
     NOTHING_KNOWN,
@@ -42,8 +41,11 @@ from .repeats import (
 )
 from .simulation import (
     SIMULATED_BAR,
+    Pool,
     Scheme,
+    bars_for,
     probe_directions,
+    seats_for,
     seed_of,
     simulate_measurements,
     simulate_touches,

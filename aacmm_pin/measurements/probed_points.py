@@ -73,30 +73,14 @@ def read_probed_points(table: pd.DataFrame, problems: Problems) -> pd.DataFrame:
         else:
             points[column.field] = values.block(column.names)
             lengths.append(column.field)
-    _check_tests(points, problems)
-    for labels, columns in ONE_VALUE.items():
-        tests = [test for test, needed in NEEDED.items() if columns[0] in needed]
-        of_tests = points["test"].isin(tests)
-        groups = points.groupby(["test", *labels]).ngroup()
-        for name in columns:
-            stated = points[POINT_FIELDS[name]].to_numpy()
-            is_stated = of_tests & np.isfinite(stated)
-            first_row = problems.of_other_values(name, stated, is_stated, groups, ", ".join(labels))
-            completed = np.where(of_tests & (first_row >= 0), stated[first_row], stated)
-            points[POINT_FIELDS[name]] = completed
-    points[lengths] *= MM
-    return points
-
-
-def _check_tests(points: pd.DataFrame, problems: Problems) -> None:
     tests = points["test"].to_numpy()
     parts = points["part"].to_numpy()
     expected = f"expected {PREDICTED_ACCURATE} or an empty cell"
     problems.at(~np.isin(parts, [PREDICTED_ACCURATE, ""]), "part", f"{{!r}}; {expected}", parts)
     expected = f"expected one of {', '.join(NEEDED)}"
     problems.at(~np.isin(tests, list(NEEDED)), "test", f"{{!r}}; {expected}", tests)
-    for test, names in NEEDED.items():
-        for name in names:
+    for test, needed in NEEDED.items():
+        for name in needed:
             stated = points[POINT_FIELDS[name]]
             is_empty = (stated.isna() | (stated == "")).to_numpy()
             problems.at(
@@ -104,6 +88,18 @@ def _check_tests(points: pd.DataFrame, problems: Problems) -> None:
                 name,
                 f"empty cell; expected a value, because test {test} needs {name}",
             )
+    for labels, columns in ONE_VALUE.items():
+        of_tests = np.isin(tests, [test for test, needed in NEEDED.items() if columns[0] in needed])
+        groups = points.groupby(["test", *labels]).ngroup()
+        for name in columns:
+            numbers = points[POINT_FIELDS[name]].to_numpy()
+            is_stated = of_tests & np.isfinite(numbers)
+            owner = ", ".join(labels)
+            first_row = problems.of_other_values(name, numbers, is_stated, groups, owner)
+            completed = np.where(of_tests & (first_row >= 0), numbers[first_row], numbers)
+            points[POINT_FIELDS[name]] = completed
+    points[lengths] *= MM
+    return points
 
 
 def has_probed_points(table: pd.DataFrame) -> bool:

@@ -56,25 +56,14 @@ def _group_numbers(table: pd.DataFrame) -> Index:
     return np.asarray(groups.ngroup(), dtype=np.intp)
 
 
-def _nearest_difference(q: Array, most: float) -> Array:
-    """Distance of each record to the nearest other one (n,): the largest difference of any joint,
-    whole turns aside; infinite above ``most``.
-    """
-    turn = 2 * np.pi
-    # The first remainder of a tiny negative angle is 2π, which the tree refuses.
-    in_one_turn = np.mod(np.mod(q, turn), turn)
-    tree = scipy.spatial.KDTree(in_one_turn, boxsize=turn)
-    distances, _ = tree.query(in_one_turn, 2, p=np.inf, distance_upper_bound=most)
-    return np.asarray(distances[:, 1])
-
-
 def posture_numbers(q: Array, within: float = SAME_POSTURE) -> Index:
     """Number of the posture of each record (n,), from 0 by appearance; q is (n, nq) [rad].
 
     A record repeats it if no reading differs by more than ``within`` from its first.
     """
     tree = scipy.spatial.KDTree(q)
-    is_alone = _nearest_difference(q, 2.0 * within) > within
+    nearest, _ = tree.query(q, 2, p=np.inf, distance_upper_bound=2.0 * within)
+    is_alone = nearest[:, 1] > within
     posture = np.full(len(q), -1, dtype=np.intp)
     number = 0
     for k in range(len(q)):
