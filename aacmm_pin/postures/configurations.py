@@ -153,10 +153,11 @@ def configuration_circle(
     wrist = components.wrist
     notes = open_curve_notes(curves.curves) + [Note("arm_degenerate")] * curves.degenerate
     notes += wrist.notes if wrist is not None and rest is None else []
-    for family in curves.families.values():
-        posture = in_degrees(components.full(family[None, :])[0])
-        notes.append(Note("singular_unlisted", {"posture": posture}))
-    notes += [Note("search_ended")] * len(curves.unfinished)
+    for search in curves.searches:
+        if len(search.families):
+            posture = in_degrees(components.full(search.families[:1])[0])
+            notes.append(Note("singular_unlisted", {"posture": posture}))
+        notes += [Note("search_ended")] * search.ended
     q = np.empty((0, arm.nq))
     component = np.empty(0, dtype=np.intp)
     if curves.curves:
@@ -230,13 +231,11 @@ def reach_of_points(
     ``axis`` (3,), over equal ``sectors`` of swivel; errors name the ``purpose``.
     """
     components = _curves(arm, points, purpose, STARTS_IN_MAP, axis)
-    curves = components.found
-    with_curves = [curve.problem for curve in curves.curves]
-    open_curves = [curve.problem for curve in curves.curves if not curve.closed]
     reachable = np.zeros(len(points), dtype=bool)
-    reachable[[*with_curves, *curves.families]] = True
-    complete = np.full(len(points), not curves.degenerate)
-    complete[[*open_curves, *curves.families, *curves.unfinished]] = False
+    complete = np.full(len(points), not components.found.degenerate)
+    for search in components.found.searches:
+        reachable[search.problem] = True
+        complete[search.problem] &= search.complete
     sector_states = Sectors.of(components, arm.limits, sectors)
     return Reach(sector_states, arc_fractions(components, arm.limits), reachable, complete)
 

@@ -14,7 +14,7 @@ from aacmm_pin._support.display import Shown
 from aacmm_pin.arm import inside_part, into_limits, outside_limits
 from aacmm_pin.postures.elbow_swivel import Swivel
 from aacmm_pin.postures.pose_equations import Equations
-from aacmm_pin.postures.solution_curves import Curve, Curves, following
+from aacmm_pin.postures.solution_curves import Curve, Curves
 from aacmm_pin.postures.wrist import Wrist
 
 FINER = 16
@@ -86,13 +86,15 @@ class Components:
     @cached_property
     def segments(self) -> _Segments:
         """All pieces between neighbouring vertices."""
-        lengths = [len(c.q) for c in self.curves]
+        lengths = np.array([len(c.q) for c in self.curves])
         start = np.concatenate([c.q for c in self.curves])  # all vertices
         problem = np.repeat([c.problem for c in self.curves], lengths)
         swivel = self.angle(start, problem)
-        last_of_open = np.cumsum(lengths)[[not c.closed for c in self.curves]] - 1
-        begins = np.delete(np.arange(len(start)), last_of_open)
-        ends = following(self.curves)[begins]
+        last = np.cumsum(lengths) - 1
+        next_vertex = np.arange(1, len(start) + 1)
+        next_vertex[last] = last - lengths + 1
+        begins = np.delete(np.arange(len(start)), last[[not c.closed for c in self.curves]])
+        ends = next_vertex[begins]
         end = start[begins] + wrapped(start[ends] - start[begins])
         swivel_change = wrapped(swivel[ends] - swivel[begins])
         return _Segments(start[begins], end, swivel[begins], swivel_change, problem[begins])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -89,6 +90,11 @@ class CurveSearch:
         return self._count
 
     @property
+    def complete(self) -> bool:
+        """Whether the curves are closed, and are all solutions that were found."""
+        return bool(self._closed[: self._count].all()) and not (self.ended or len(self.families))
+
+    @property
     def curves(self) -> list[Curve]:
         """The curves so far."""
         ends = self._ends[: self._count].tolist()
@@ -106,27 +112,18 @@ class Curves:
 
     Attributes:
         equations: of all problems.
-        curves: sorted by the number of their problem.
-        families: by problem, a singular solution on no curve, of a family with more dimensions.
-        unfinished: problems whose search ended at its limit of work.
+        searches: of each problem with solutions, in order.
         degenerate: see :func:`degenerate`.
     """
 
     equations: Equations
-    curves: list[Curve]
-    families: dict[int, Array]
-    unfinished: frozenset[int]
+    searches: list[CurveSearch]
     degenerate: bool
 
-
-def following(curves: list[Curve]) -> Index:
-    """Of vertices of curves in order, the next one around the curve (n,)."""
-    lengths = np.array([len(curve.q) for curve in curves])
-    last = np.cumsum(lengths) - 1
-    first = last - lengths + 1
-    next_vertex = np.arange(1, lengths.sum() + 1)
-    next_vertex[last] = first
-    return next_vertex
+    @cached_property
+    def curves(self) -> list[Curve]:
+        """All curves, sorted by the number of their problem."""
+        return [curve for search in self.searches for curve in search.curves]
 
 
 def all_curves(equations: Equations, starts: int) -> Curves:
@@ -137,21 +134,14 @@ def all_curves(equations: Equations, starts: int) -> Curves:
     spread = spread_angles(starts, len(links))
     problem = np.repeat(in_reach, starts)
     seeds, arrived = equations.polish(np.tile(spread, (len(in_reach), 1)), problem)
-    curves = list[Curve]()
-    families = dict[int, Array]()
-    unfinished = set[int]()
+    searches = []
     numbers, first = np.unique(problem[arrived], return_index=True)
     seeds_of_problems = np.split(seeds[arrived], first)[1:]
     for number, of_problem in zip(numbers.tolist(), seeds_of_problems, strict=True):
         search = CurveSearch(equations, number)
         search.add(of_problem)
-        if len(search.families):
-            families[number] = search.families[0]
-        if search.ended:
-            unfinished.add(number)
-        curves += search.curves
-    flat = degenerate(equations, spread)
-    return Curves(equations, curves, families, frozenset(unfinished), flat)
+        searches.append(search)
+    return Curves(equations, searches, degenerate(equations, spread))
 
 
 def degenerate(equations: Equations, spread: Array) -> bool:

@@ -16,13 +16,15 @@ import pytest
 from aacmm_pin._support.angles import spread_angles
 from aacmm_pin._support.checks import Array
 from aacmm_pin.arm import Arm
-from aacmm_pin.postures import continuation, newton_search
+from aacmm_pin.postures import continuation
 from aacmm_pin.postures.continuation import FIRST_STEP
-from aacmm_pin.postures.general_ik import ReachingPostures, reaching_postures
-from aacmm_pin.postures.newton_search import (
+from aacmm_pin.postures.general_ik import (
     ENOUGH,
+    MOST_STARTS,
     ROUND,
     Isolated,
+    ReachingPostures,
+    reaching_postures,
     search,
 )
 from aacmm_pin.postures.pose_equations import Equations
@@ -286,7 +288,7 @@ def test_all_single_solutions():
         finds = Isolated(system)
         found = search(finds, 2)
         assert_same(finds.q, np.array([[i * a, j * b] for i in (1, -1) for j in (1, -1)]))
-        starts = spread_angles(newton_search.MOST_STARTS, 2)[: found.starts]
+        starts = spread_angles(MOST_STARTS, 2)[: found.starts]
         _, good = system.polish(starts, np.zeros(found.starts, np.intp))
         assert found.arrived == good.sum()
         assert found.since_new == good[ROUND:].sum()
