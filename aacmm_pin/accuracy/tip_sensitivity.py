@@ -28,7 +28,6 @@ from aacmm_pin.effects import (
     Conditions,
     Effect,
     ErrorModel,
-    JointZeroOffset,
     State,
     displaced,
     extra_uncertainty_effects,
@@ -214,10 +213,8 @@ class ErrorSources(Shown):
                 blocks.append(sensitivity(cause, state)[:, :, wanted])
             start = end
         readings = columns[columns >= start] - start
-        if readings.size:  # a noisy reading is a noisy zero
-            rows = arm.chain.joint_rows()
-            zeros = [sensitivity(JointZeroOffset(joint=row), state) for row in rows]
-            by_angles = arm.chain.drive.by_independent(np.concatenate(zeros, axis=2))
+        if readings.size:
+            by_angles, _ = arm.chain.jacobian(state.rotation, state.origin, state.position)
             blocks.append(arm.by_readings(by_angles)[:, :, readings])
         return np.concatenate(blocks, axis=2)
 
