@@ -106,39 +106,41 @@ def acceptance_document(result: AcceptanceResult, details: CheckDetails | None =
     origin_columns = ["coordinates"] if several else ["standard"] if details is not None else []
     values = table.filter([*VALUES, *origin_columns, "had", "where", "missing"]).replace({"": None})
     marked_verdicts = {"non-conformity": f"{MARK} {shown_verdict('non-conformity')}"}
-    blocks: list[Block] = [
-        Table(
-            values.dropna(axis=1, how="all"),
-            "Test values and MPEs (maximum permissible errors)",
-            {"verdict": lambda verdict: marked_verdicts.get(verdict) or shown_verdict(verdict)},
-            HEADS,
-        ),
-        Paragraph(RULE_TEXT),
-    ]
+    values_table = Table(
+        values.dropna(axis=1, how="all"),
+        "Test values and MPEs (maximum permissible errors)",
+        {"verdict": lambda verdict: marked_verdicts.get(verdict) or shown_verdict(verdict)},
+        HEADS,
+    )
+    definitions_table = Table(definitions, DEFINED, heads=HEADS, detail=True)
     if details is None:
         verdict = Paragraph(f"{result}.", finding=True, head="Acceptance:")
-        definitions_table = Table(definitions, DEFINED, heads=HEADS, detail=True)
-        return Document(
-            TITLE, [ORIGIN, verdict, *blocks, Notes(result.notes), definitions_table], result.path
-        )
-    if details.history is not None:
-        blocks += history_blocks(details.history)
-    mark = f"{MARK} " if result.failed else ""
+        blocks: list[Block] = [
+            ORIGIN,
+            verdict,
+            values_table,
+            RULE_TEXT,
+            Notes(result.notes),
+            definitions_table,
+        ]
+        return Document(TITLE, blocks, result.path)
     points = "probed_points.xlsx" if is_workbook(result.data) else "probed_points.csv"
+    numbers = json_text(result.summary()).encode()
     data: list[Block] = [
-        Table(definitions, DEFINED, heads=HEADS),
-        Download(
-            "acceptance.json", "all numbers of this page", json_text(result.summary()).encode()
-        ),
+        definitions_table,
+        Download("acceptance.json", "all numbers of this page", numbers),
         Download(points, "the probed points", result.data),
     ]
+    mark = f"{MARK} " if result.failed else ""
     return Document(
         f"{TITLE}: {details.instrument}" if details.instrument else TITLE,
         [
             ORIGIN,
             Paragraph(_conditions(result, details), head="Conditions:"),
             Paragraph(f"{result}.", finding=True, head=f"{mark}Acceptance:"),
-            *blocks,
+            values_table,
+            RULE_TEXT,
+            *(() if details.history is None else history_blocks(details.history)),
             Notes(result.notes),
             Folded(f"{DEFINED}, and the data", data),
         ],
@@ -161,12 +163,11 @@ def history_blocks(history: History) -> Iterator[Block]:
             value = f"{chart.values[-1] / MM:.4f} mm"
             outside.append(f"{chart.figure}{by} is {value} (limits {low:.4f} to {high:.4f} mm)")
     sentences = [f"{'; '.join(outside)}."] if outside else []
-    earlier_checks = [len(chart.usual) for chart in charts if not np.isfinite(chart.limits[1])]
-    if earlier_checks:
-        there_are = " to ".join(dict.fromkeys([str(min(earlier_checks)), str(max(earlier_checks))]))
+    without_limits = sum(not np.isfinite(chart.limits[1]) for chart in charts)
+    if without_limits:
         sentences.append(
-            f"{len(earlier_checks)} of {len(charts)} characteristics have only {there_are} of the "
-            f"{LEAST_CHECKS} earlier checks that control limits need."
+            f"{without_limits} of {len(charts)} characteristics have fewer than the {LEAST_CHECKS} "
+            "earlier checks that control limits need."
         )
     head = "Outside the control limits:" if outside else "Control limits:"
     yield Paragraph(" ".join(sentences) or "No test value is outside its limits.", head=head)

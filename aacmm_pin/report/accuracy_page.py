@@ -31,6 +31,11 @@ END_POSTURES = {
     "worst": "largest volume",
 }
 """Postures of an accuracy summary in words."""
+COVERS = (
+    f"U (k = {COVERAGE_FACTOR:g}) of a position covers {100 * COVERED[0]:.1f} to "
+    f"{100 * COVERED[1]:.1f} % of normally distributed errors, depending on the directions of the "
+    "errors."
+)
 CELLS = "Number of reachable cells, by the number of sectors with a posture within the joint limits"
 
 
@@ -59,7 +64,7 @@ def accuracy_document(accuracy: AccuracyVolume, summary: dict[str, Any] | None =
         "Accuracy",
         [
             f"{accuracy}.",
-            _what_k_covers(),
+            COVERS,
             comprehensive,
             Table(postures, EXTREMES),
             HIGHEST if "swivel [°]" in postures else "",
@@ -105,14 +110,6 @@ def length_document(length: LengthUncertainty) -> Document:
 
 def _degrees(angles: Iterable[float]) -> str:
     return " ".join(f"{angle:.0f}" for angle in angles)
-
-
-def _what_k_covers() -> str:
-    along, isotropic = (f"{100 * part:.1f}" for part in COVERED)
-    return (
-        f"U (k = {COVERAGE_FACTOR:g}) of a position covers {along} to {isotropic} % of normally "
-        "distributed errors, depending on the directions of the errors."
-    )
 
 
 def postures_at_the_ends(summary: dict[str, Any]) -> pd.DataFrame:

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 import pandas as pd
 
 from aacmm_pin._support.units import DEG, MM, UM, count
-from aacmm_pin.arm import KINDS, Arm, DHTable
+from aacmm_pin.arm import KINDS, Arm
 from aacmm_pin.effects import (
     Effect,
     ErrorModel,
@@ -61,7 +59,16 @@ def _joints_table(arm: Arm) -> pd.DataFrame:
         table = pd.DataFrame({"joint": arm.joint_names, "axis": [*map(vector, arm.joint_axes)]})
         rows = arm.chain.drive.independent
     else:
-        table = _dh_cells(arm.dh, {p.name: p.half_width for p in arm.parameters})
+        table = pd.DataFrame({"row": range(1, arm.dh.rows + 1)})
+        half_widths = {p.name: p.half_width for p in arm.parameters}
+        for kind, values in zip(KINDS, arm.dh.values().T, strict=True):
+            scale = MM if kind in ("a", "d") else DEG
+            cells = []
+            for row, value in enumerate(values / scale, 1):
+                half_width = half_widths.get(f"{kind}{row}")
+                plus_minus = f" ± {half_width / scale:.5f}" if half_width else ""
+                cells.append(f"{value:z.5f}{plus_minus}")
+            table[DH_HEADS[kind]] = cells
         rows = np.flatnonzero(arm.dh.moving)
     table["limits"] = NO_NUMBER
     table.loc[rows, "limits"] = [
@@ -76,27 +83,6 @@ def _joints_table(arm: Arm) -> pd.DataFrame:
             for u, slides in zip(arm.encoder_noise, arm.chain.prismatic, strict=True)
         ]
     return table
-
-
-def _dh_cells(dh: DHTable, half_widths: Mapping[str, float | None]) -> pd.DataFrame:
-    """DH rows as text, with half-widths [m, rad] by name, such as ``a2``."""
-    table = pd.DataFrame({"row": range(1, dh.rows + 1)})
-    for kind, values in zip(KINDS, dh.values().T, strict=True):
-        scale = MM if kind in ("a", "d") else DEG
-        cells = []
-        for row, value in enumerate(values / scale, 1):
-            half_width = half_widths.get(f"{kind}{row}")
-            plus_minus = f" ± {half_width / scale:.5f}" if half_width else ""
-            cells.append(f"{value:z.5f}{plus_minus}")
-        table[DH_HEADS[kind]] = cells
-    return table
-
-
-@document_of.register
-def dh_document(dh: DHTable) -> Document:
-    """The rows of a DH table."""
-    table = _dh_cells(dh, {}).assign(joint=dh.moving)
-    return Document("DH table", [Table(table, f"DH table, {dh.convention}")])
 
 
 @document_of.register

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
+import numpy as np
 import pandas as pd
 from scipy.spatial.transform import Rotation
 
@@ -23,6 +24,7 @@ from aacmm_pin.calibration import (
     is_of_setup,
     rms,
 )
+from aacmm_pin.diagnosis import Diagnosis
 from aacmm_pin.effects import (
     ErrorModel,
     in_words,
@@ -56,15 +58,15 @@ from aacmm_pin.report.numbers import (
     percent,
     quantity,
     small,
-    small_with_u,
     vector,
 )
-from aacmm_pin.report.parameter_tables import parameter_table
-from aacmm_pin.report.plots.calibration_plots import LEAST_IN_BIN
+from aacmm_pin.report.plots.calibration_plots import LEAST_IN_BIN, parameter_table
 from aacmm_pin.report.repeated_postures import repeatability_in_json, repeatability_in_words
 
 IN_COMBINATION = "in combination"
 """What the records know of a parameter that they do not determine alone."""
+PARAMETER_HEADS = ["parameter", "value", "change ± U (k = 2)", "stated half-width or 2u", "known"]
+"""Heads of the table of parameters."""
 WORTH = 0.05
 """Least reduction of held-out residuals by a useful calibration."""
 EXCLUDED_LISTED = 10
@@ -116,7 +118,11 @@ EXCLUDED = (
 )
 
 
-NEIGHBOURS = "If neighbouring residuals have the same direction, the model lacks a cause of error."
+HOW_TO_SEE = (
+    "Drag to rotate the view. The slider shows the arm in the posture of each residual, from the "
+    "largest residual to the smallest. If neighbouring residuals have the same direction, the "
+    "model lacks a cause of error."
+)
 """How to read a scene of residuals."""
 
 
@@ -127,11 +133,14 @@ def calibration_document(
     """The calibration as a document; with the content of ``calibrate --json`` a page with files of
     the date ``when`` (UTC).
     """
+    names_frame = any("frame." in line for line in result.undetermined)
+    of_frame = ". frame.x to frame.rz are the placement of the base" if names_frame else ""
     blocks = [
         *_result_section(result),
         *_residuals_section(result),
         *_parameters_section(result),
-        *_undetermined_section(result),
+        Heading("What these records do not determine"),
+        Bullets(result.undetermined, f"{UNDETERMINED}{of_frame}:"),
         Heading("Excluded records"),
         *excluded_records(result.excluded),
     ]
@@ -317,29 +326,19 @@ def _result_section(result: Calibration) -> Iterator[Block]:
     noise = "The noise alone"
     if result.fit.has_scatter:
         noise = "The stated noise and the estimated scatter"
-    rotations = ["rotation before [µrad]", "rotation after [µrad]"]
-    rows: list[dict[str, Any]] = [
-        {
-            "records": "records used in the fit",
-            "before_mm": result.rms_before / MM,
-            "after_mm": result.rms / MM,
-        }
-    ]
-    if result.turns is not None:
-        turns = (result.turns["nominal"], result.turns["calibrated"])
-        rows[0] |= {head: turn / UM for head, turn in zip(rotations, turns, strict=True)}
+    rotations = ("rotation before [µrad]", "rotation after [µrad]")
+    sizes = {"records used in the fit": (result.rms_before, result.rms)}
+    turns = [(result.turns["nominal"], result.turns["calibrated"])] if result.turns else []
     for held_out in result.held_out:
-        row: dict[str, Any] = {
-            "records": f"held-out {HELD_OUT_KINDS[held_out.kind]} ({held_out.groups} parts)",
-            "before_mm": held_out.rms_before / MM,
-            "after_mm": held_out.rms_after / MM,
-        }
+        name = f"held-out {HELD_OUT_KINDS[held_out.kind]} ({held_out.groups} parts)"
+        sizes[name] = (held_out.rms_before, held_out.rms_after)
         if held_out.turned:
-            held_turns = (held_out.turn_before, held_out.turn_after)
-            row |= {head: rms(turn) / UM for head, turn in zip(rotations, held_turns, strict=True)}
-        rows.append(row)
-    table = pd.DataFrame(rows)
-    table.insert(3, "gain", 1.0 - table["after_mm"] / table["before_mm"])
+            turns.append((rms(held_out.turn_before), rms(held_out.turn_after)))
+    table = pd.DataFrame(sizes.values(), columns=["before_mm", "after_mm"]) / MM
+    table["gain"] = 1.0 - table["after_mm"] / table["before_mm"]
+    table.insert(0, "records", [*sizes])
+    if result.turns is not None:
+        table[[*rotations]] = np.array(turns) / UM
     of_noise = length(result.noise)
     if result.turns is not None:
         of_noise += f" and {result.turns['noise'] / UM:.1f} µrad"
@@ -353,15 +352,8 @@ def _result_section(result: Calibration) -> Iterator[Block]:
 
 
 def _residuals_section(result: Calibration) -> Iterator[Block]:
-    from aacmm_pin.report.scenes import residual_scene  # loads meshcat
-
     yield Heading("Residuals")
-    yield SceneView(
-        lambda: residual_scene(result),
-        "The scene shows the residuals after calibration. Drag to rotate the view. The slider "
-        "shows the arm in the posture of each residual, from the largest residual to the smallest. "
-        f"{NEIGHBOURS}",
-    )
+    yield scene_of_residuals(result, "after")
     height = 0.3 - 2.5 * (-result.model.arm.nq // 3)
     yield Figure(
         lambda: plots.plot_residuals_over_joints(result, ax=blank_axes(10.5, height)),
@@ -387,7 +379,17 @@ def _parameters_section(result: Calibration) -> Iterator[Block]:
     if not len(table):
         yield NOTHING_ESTIMATED
         return
-    yield _parameter_table(table)
+    rows = []
+    in_combination = table["known"] == IN_COMBINATION
+    for row in pd.concat([table[~in_combination], table[in_combination]]).to_dict("records"):
+        value = quantity(row["after"], row["unit"])
+        change = small(row["change"], row["unit"], row["U"])
+        if row["known"] == IN_COMBINATION:
+            value = change = NO_NUMBER
+        stated = small(row["stated"], row["unit"]) if row["stated"] > 0.0 else NO_NUMBER
+        change = f"* {change}" if row["beyond"] else change
+        rows.append((row["parameter"], value, change, stated, row["known"]))
+    yield Table(pd.DataFrame(rows, columns=PARAMETER_HEADS), "Parameters", explained=KNOWN)
     beyond = listed([*table["parameter"][table["beyond"]]])
     if beyond:
         yield Paragraph(
@@ -403,32 +405,12 @@ def _parameters_section(result: Calibration) -> Iterator[Block]:
     )
 
 
-def _parameter_table(table: pd.DataFrame) -> Table:
-    rows = []
-    in_combination = table["known"] == IN_COMBINATION
-    for row in pd.concat([table[~in_combination], table[in_combination]]).to_dict("records"):
-        value = quantity(row["after"], row["unit"])
-        change = small_with_u(row["change"], row["U"], row["unit"])
-        if row["known"] == IN_COMBINATION:
-            value = change = NO_NUMBER
-        stated = small(row["stated"], row["unit"]) if row["stated"] > 0.0 else NO_NUMBER
-        rows.append(
-            {
-                "parameter": row["parameter"],
-                "value": value,
-                "change ± U (k = 2)": f"* {change}" if row["beyond"] else change,
-                "stated half-width or 2u": stated,
-                "known": row["known"],
-            }
-        )
-    return Table(pd.DataFrame(rows), "Parameters", explained=KNOWN)
+def scene_of_residuals(result: Calibration | Diagnosis, model: str) -> SceneView:
+    """The residuals of one model in 3D, see :func:`aacmm_pin.report.scenes.residual_scene`."""
+    from aacmm_pin.report.scenes import residual_scene  # loads meshcat
 
-
-def _undetermined_section(result: Calibration) -> Iterator[Block]:
-    yield Heading("What these records do not determine")
-    names_frame = any("frame." in line for line in result.undetermined)
-    of_frame = ". frame.x to frame.rz are the placement of the base" if names_frame else ""
-    yield Bullets(result.undetermined, f"{UNDETERMINED}{of_frame}:")
+    words = f"The scene shows the residuals ({model})."
+    return SceneView(lambda: residual_scene(result, model), f"{words} {HOW_TO_SEE}")
 
 
 def excluded_records(excluded: pd.DataFrame) -> Iterator[Block]:

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
 
 from aacmm_pin._support.output_files import OutputFiles, json_text
 from aacmm_pin._support.text_escaping import csv_text, encodable
@@ -24,25 +23,19 @@ from aacmm_pin.accuracy import (
 )
 from aacmm_pin.arm import Arm, load_arm_file, urdf_text
 from aacmm_pin.calibration.random_arm import perturbed_model
-from aacmm_pin.diagnosis import Diagnosis, diagnose
+from aacmm_pin.diagnosis import diagnose
 from aacmm_pin.effects import (
     Effect,
     EncoderEccentricity,
     ErrorModel,
     in_words,
-    values_in_words,
 )
 from aacmm_pin.errors import OutputError
 from aacmm_pin.measurements import Measurements, simulate_measurements
 from aacmm_pin.postures import ConfigurationCircle, configuration_circle
 from aacmm_pin.report import plots
 from aacmm_pin.report.accuracy_page import accuracy_document, map_document
-from aacmm_pin.report.diagnosis_page import (
-    answers,
-    diagnosis_document,
-    figures_of_causes,
-    finding_values,
-)
+from aacmm_pin.report.diagnosis_page import diagnosis_document
 from aacmm_pin.report.document import (
     Block,
     Bullets,
@@ -50,7 +43,7 @@ from aacmm_pin.report.document import (
     Download,
     Figure,
     Heading,
-    Table,
+    SceneView,
     blank_axes,
 )
 from aacmm_pin.report.formats.html import page
@@ -72,7 +65,6 @@ READING_NOISE = 8e-6
 SIZE, JOINT = 1e-4, 3
 """Of the hidden eccentricity [rad], 5 µm off centre on a radius of 50 mm; and its joint."""
 FILES = {
-    "diagnosis.html": "the whole diagnosis, with the aliases of its causes",
     "postures.html": "3D scene of the arm in its postures at the working point",
     "site/index.html": "the documentation (the README states how to build it into this folder)",
     "configurations.csv": "every posture at the working point, angles in degrees",
@@ -138,7 +130,7 @@ def run_demo(
         result = diagnose(arm, data, encoder_noise=READING_NOISE, rng=rng, progress=progress)
         of_point = accuracy_summary(circle, accuracy, sectors)
         diagnosis = result.summary() | {"source": "measured.csv", "seed": SEED}
-        lines = answers(result, diagnosis["next_measurements"])
+        found = diagnosis_document(result)
         urdf = f"{arm.name.lower()}.urdf"
         files = FILES | {urdf: "the arm for Pinocchio, lengths in metres"}
         index = Document(
@@ -146,7 +138,12 @@ def run_demo(
             [
                 QUESTION,
                 *_accuracy(circle, accuracy, of_point, map_),
-                *_diagnosis(result, hidden, lines),
+                Heading("Diagnosis of simulated records"),
+                f"A virtual {arm.name} has an eccentric encoder: {in_words(hidden)}. The geometry "
+                "of the virtual arm differs from the arm file within the half-widths. The arm "
+                f"probes {SEATS} seats of known coordinates in {RECORDS} records. The diagnosis "
+                "uses only the records and the arm file.",
+                *(block for block in found.blocks if not isinstance(block, SceneView)),
                 Heading("Assumptions"),
                 Bullets(ASSUMED),
                 Heading("Files"),
@@ -161,7 +158,6 @@ def run_demo(
             "accuracy.json": json_text(of_point),
             "map.json": json_text(map_summary(map_)),
             "diagnosis.json": json_text(diagnosis),
-            "diagnosis.html": page(diagnosis_document(result, diagnosis, when)),
             "postures.html": circle_scene(circle, accuracy).html(),
             "index.html": page(index),
         }
@@ -170,9 +166,8 @@ def run_demo(
         for name, text in texts.items():
             outputs.file(folder / name).write_text(encodable(text), encoding="utf-8")
     seconds = time.perf_counter() - started
-    findings = [f"{line.head} {line.text}" for line in lines]
     end = f"The demo wrote {len(texts) + 2} files in {seconds:.0f} s; open {folder / 'index.html'}"
-    return "\n".join([f"{accuracy}.", f"{map_}.", *findings, end])
+    return f"{accuracy}.\n{map_}.\n{result}\n{end}"
 
 
 def _make_folder(folder: Path, force: bool) -> None:
@@ -224,22 +219,3 @@ def _accuracy(
             f"The map shows {words} in each cell. Joint 1 rotates the arm about the z axis, so "
             "that one half-plane represents the whole workspace.",
         )
-
-
-def _diagnosis(result: Diagnosis, hidden: Effect, lines: Sequence[Block]) -> Iterator[Block | str]:
-    name = result.model.arm.name
-    yield Heading("Diagnosis of simulated records")
-    yield (
-        f"A virtual {name} has an eccentric encoder. The geometry of the virtual arm differs from "
-        f"the arm file within the half-widths. The arm probes {SEATS} seats of known coordinates "
-        f"in {RECORDS} records. The diagnosis uses only the records and the arm file."
-    )
-    yield from lines
-    true = {key: (value, 0.0) for key, value in hidden.file_values().items()}
-    rows = [("hidden", in_words(hidden), values_in_words(hidden, true))]
-    rows += [("found", in_words(found.effect), finding_values(found)) for found in result.findings]
-    yield Table(
-        pd.DataFrame(rows, columns=["", "cause", "values"]),
-        "The hidden cause, and the causes that diagnose found, with U (k = 2)",
-    )
-    yield from figures_of_causes(result)

@@ -91,12 +91,22 @@ def finding_to_dict(finding: Finding) -> dict[str, Any]:
     names = [name for name in fields_of(type(effect)) if name not in PLACE_FIELDS]
     fields = {name: getattr(effect, name) for name in names}
     waves = strongest_waves(effect)
-    spectrum = [{"order": order, "amplitude_rad": size} for order, size in waves or ()]
+    if waves is not None:
+        spectrum = [{"order": order, "amplitude_rad": size} for order, size in waves]
+        fields["spectrum"] = spectrum
+    aliases = [
+        {
+            "cause": alias.label if alias.effect is None else alias.effect.cause,
+            **_location(alias.effect),
+            "correlation": alias.correlation,
+            "probability": alias.probability,
+        }
+        for alias in finding.aliases
+    ]
     return {
         "cause": finding.cause,
         "joint": finding.joint,
         **{name: value for name, value in fields.items() if value not in (None, ())},
-        **({} if waves is None else {"spectrum": spectrum}),
         "probability": finding.probability,
         "p_value": finding.p_value,
         "retained_fraction": finding.retained_fraction,
@@ -104,15 +114,7 @@ def finding_to_dict(finding: Finding) -> dict[str, Any]:
         "parameters": _with_u(finding.parameters),
         "below_zero": finding.below_zero,
         "inner": _with_u(finding.inner),
-        "aliases": [
-            {
-                "cause": alias.label if alias.effect is None else alias.effect.cause,
-                **_location(alias.effect),
-                "correlation": alias.correlation,
-                "probability": alias.probability,
-            }
-            for alias in finding.aliases
-        ],
+        "aliases": aliases,
     }
 
 
@@ -172,6 +174,13 @@ def _held_out(diagnosis: Diagnosis) -> dict[str, Any] | None:
 
 
 def _unexplained(unexplained: Unexplained) -> dict[str, Any]:
+    scattered = []
+    for readings in unexplained.readings:
+        size = {"scatter_rad": readings.scatter}
+        if readings.slides:
+            size = {"scatter_mm": readings.scatter / MM}
+        test = {"log_likelihood_ratio": readings.log_ratio, "p_value": readings.p_value}
+        scattered.append({"joint": readings.joint, **size, "rms_mm": readings.at_tips / MM, **test})
     shared_error = unexplained.shared_by_postures
     return {
         "p_value": unexplained.p_value,
@@ -180,20 +189,7 @@ def _unexplained(unexplained: Unexplained) -> dict[str, Any]:
         "acts_on": unexplained.acts_on,
         "smooth_correction_gain": unexplained.gain,
         "groups": [asdict(group) for group in unexplained.groups],
-        "scattered_readings": [
-            {
-                "joint": readings.joint,
-                **(
-                    {"scatter_mm": readings.scatter / MM}
-                    if readings.slides
-                    else {"scatter_rad": readings.scatter}
-                ),
-                "rms_mm": readings.at_tips / MM,
-                "log_likelihood_ratio": readings.log_ratio,
-                "p_value": readings.p_value,
-            }
-            for readings in unexplained.readings
-        ],
+        "scattered_readings": scattered,
         "shared_by_postures": shared_error
         and {
             "rms_mm": shared_error.rms / MM,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -48,7 +48,12 @@ def notes_of(result: Diagnosis) -> Iterator[Note]:
     lasting = [f.label for f in findings if f.was is None and "time" not in f.effect.needs]
     if lasting and result.recalibrated.problem.from_earlier:
         yield Note("partly_in_calibration", {"causes": lasting})
-    yield from _notes_of_masses([finding.effect for finding in findings])
+    effects = [finding.effect for finding in findings]
+    loaded = [e.label for e in effects if hasattr(e, "load_at") and "torque" not in e.needs]
+    if any(getattr(effect, "bodies", ()) for effect in effects):
+        yield Note("masses_missing", {"causes": loaded})
+    elif loaded:
+        yield Note("masses_exact", {"causes": loaded})
     for finding in findings:
         until = getattr(finding.effect, "until_s", None)
         if until is not None:
@@ -64,15 +69,6 @@ def notes_of(result: Diagnosis) -> Iterator[Note]:
         chi2, dof = extended.chi2
         yield Note("noise_too_large", {"chi2": chi2, "dof": dof})
     yield from result.assumed
-
-
-def _notes_of_masses(effects: Sequence[Effect]) -> Iterator[Note]:
-    """Causes under load whose arm file states no masses, or whose masses count as exact."""
-    loaded = [e.label for e in effects if hasattr(e, "load_at") and "torque" not in e.needs]
-    if any(getattr(effect, "bodies", ()) for effect in effects):
-        yield Note("masses_missing", {"causes": loaded})
-    elif loaded:
-        yield Note("masses_exact", {"causes": loaded})
 
 
 def _notes_of_clock(conditions: Conditions) -> Iterator[Note]:

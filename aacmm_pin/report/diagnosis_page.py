@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import asdict
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -34,10 +35,10 @@ from aacmm_pin.effects import (
 from aacmm_pin.report import plots
 from aacmm_pin.report.calibration_page import (
     HELD_OUT_KINDS,
-    NEIGHBOURS,
     excluded_records,
     files_section,
     frame_in_words,
+    scene_of_residuals,
 )
 from aacmm_pin.report.diagnosis_json import discrepancy_to_dicts
 from aacmm_pin.report.document import (
@@ -49,7 +50,6 @@ from aacmm_pin.report.document import (
     Heading,
     Notes,
     Paragraph,
-    SceneView,
     Table,
     blank_axes,
     document_of,
@@ -64,7 +64,7 @@ from aacmm_pin.report.numbers import (
 )
 from aacmm_pin.report.plots.groups import part_in_words
 from aacmm_pin.report.plots.partial_residuals import state_of, varies
-from aacmm_pin.report.plots.residual_vectors import models
+from aacmm_pin.report.residual_tables import models
 from aacmm_pin.report.verdicts import (
     covariate_in_words,
     labels_in_words,
@@ -141,11 +141,10 @@ def diagnosis_document(
     planned = next_measurements(result) if summary is None else summary["next_measurements"]
     blocks = [
         *_result_section(result, planned),
-        *_causes_section(result),
-        *_other_causes_section(result),
+        *_causes_sections(result),
         *_held_out_section(result),
         *_groups_section(result),
-        _scene_of_residuals(result),
+        scene_of_residuals(result, "recalibrated" if result.findings else "nominal"),
         *_unexplained_and_excluded_section(result),
         Notes(other_notes(result.notes)),
     ]
@@ -358,19 +357,15 @@ def alternatives(result: Diagnosis) -> pd.DataFrame:
 
 def alias_table(result: Diagnosis) -> pd.DataFrame:
     """Aliases of each cause in these records."""
-    rows = [
-        {
-            "cause": in_words(finding.effect, result.model.arm),
-            "alias": labels_in_words(result, [alias.label]),
-            "correlation": alias.correlation,
-            "probability": probability(alias.probability),
-            "label": alias.label,
-        }
-        for finding in result.findings
-        for alias in finding.aliases[:MAX_ALIASES]
-        if alias.probability > LEAST_SHOWN or abs(alias.correlation) > LEAST_CORRELATION
-    ]
-    return pd.DataFrame(rows)
+    rows = []
+    for finding in result.findings:
+        cause = in_words(finding.effect, result.model.arm)
+        for alias in finding.aliases[:MAX_ALIASES]:
+            if alias.probability > LEAST_SHOWN or abs(alias.correlation) > LEAST_CORRELATION:
+                words = labels_in_words(result, [alias.label])
+                chance = probability(alias.probability)
+                rows.append((cause, words, alias.correlation, chance, alias.label))
+    return pd.DataFrame(rows, columns=["cause", "alias", "correlation", "probability", "label"])
 
 
 def residuals_table(result: Diagnosis) -> pd.DataFrame:
@@ -443,11 +438,6 @@ def _groups_section(result: Diagnosis) -> Iterator[Block]:
         "dotted line, the extended arm does not explain the residuals of this group.",
     )
     worse = table[table["times_predicted"] > 1.0]
-    if worse.empty:
-        yield Paragraph(
-            "No group of records has an RMS residual of the nominal arm above the prediction."
-        )
-        return
     shown = worse[["records", "nominal_mm", "predicted_mm", "extended_mm", "times_predicted"]]
     shown.insert(0, "group", worse["by"] + ": " + worse["group"])
     yield Table(
@@ -460,16 +450,13 @@ def _groups_section(result: Diagnosis) -> Iterator[Block]:
     )
 
 
-def _causes_section(result: Diagnosis) -> Iterator[Block]:
+def _causes_sections(result: Diagnosis) -> Iterator[Block]:
     yield Heading("Causes of error")
     if not result.findings:
         yield Paragraph("No cause has a probability of 0.5 or more.", detail=True)
     yield Table(places_table(result), PLACES_LISTED, explained=PLACES_EXPLAINED)
     yield Table(ranking(result), "Causes of error in the extended arm", explained=RANKED)
     yield from figures_of_causes(result)
-
-
-def _other_causes_section(result: Diagnosis) -> Iterator[Block]:
     yield Heading("Other possible causes")
     yield Table(alternatives(result), SETS_LISTED, explained=ALL_SETS)
     yield Table(
@@ -481,30 +468,14 @@ def figures_of_causes(result: Diagnosis) -> Iterator[Block]:
     """A figure of each cause that depends on something."""
     for finding in result.findings:
         if varies(result, finding):
-            yield _figure_of_cause(result, finding)
-
-
-def _figure_of_cause(result: Diagnosis, finding: Finding) -> Figure:
-    words = capital(in_words(finding.effect, result.model.arm))
-    return Figure(
-        lambda: plots.plot_cause(result, finding, blank_axes(7.4, 4.0)),
-        f"{words}, from the records",
-        f"{words}. Each dot is the value that one record gives if all other parameters have their "
-        "fitted values. Each circle is the mean of neighbouring dots, and the bar shows the "
-        "standard uncertainty u of the mean. The line is the fitted cause.",
-    )
-
-
-def _scene_of_residuals(result: Diagnosis) -> SceneView:
-    from aacmm_pin.report.scenes import residual_scene  # loads meshcat
-
-    name = "recalibrated" if result.findings else "nominal"
-    return SceneView(
-        lambda: residual_scene(result, name),
-        f"The scene shows the residuals of the {name} arm. Drag to rotate the view. The slider "
-        "shows the arm in the posture of each residual, from the largest residual to the smallest. "
-        f"{NEIGHBOURS}",
-    )
+            words = capital(in_words(finding.effect, result.model.arm))
+            yield Figure(
+                partial(plots.plot_cause, result, finding, blank_axes(7.4, 4.0)),
+                f"{words}, from the records",
+                f"{words}. Each dot is the value that one record gives if all other parameters "
+                "have their fitted values. Each circle is the mean of neighbouring dots, and the "
+                "bar shows the standard uncertainty u of the mean. The line is the fitted cause.",
+            )
 
 
 def _held_out_section(result: Diagnosis) -> Iterator[Block]:
@@ -537,17 +508,13 @@ def _unexplained_and_excluded_section(result: Diagnosis) -> Iterator[Block]:
     yield from unexplained_document(unexplained).blocks
     yield Paragraph(" ".join(_saved_in_words(result)))
     for name in unexplained.acts_on:
-        yield _figure_of_structure(result, name)
+        on = covariate_in_words(name)
+        yield Figure(
+            partial(plots.plot_unexplained, result, name, blank_axes(7.4, 4.0)),
+            f"Structure that depends on {on} and that no cause explains",
+            f"Each dot shows the structure in a record that depends on {on}.",
+        )
     yield from excluded_records(result.excluded)
-
-
-def _figure_of_structure(result: Diagnosis, name: str) -> Figure:
-    on = covariate_in_words(name)
-    return Figure(
-        lambda: plots.plot_unexplained(result, name, blank_axes(7.4, 4.0)),
-        f"Structure that depends on {on} and that no cause explains",
-        f"Each dot shows the structure in a record that depends on {on}.",
-    )
 
 
 @document_of.register

@@ -108,12 +108,12 @@ def map_summary(map_: WorkspaceMap) -> dict[str, Any]:
     data = map_.data
     box = np.asarray(data.attrs["extent_mm"])
     optional = {"incomplete": map_.incomplete, "not_included": map_.not_included}
-    stylus = data.attrs.get("stylus_axis")
+    if "stylus_axis" in data.attrs:
+        optional["stylus_axis"] = _rounded(data.attrs["stylus_axis"])
     summary = {
         "schema": MAP_SCHEMA,
         "arm": data.attrs["arm"],
         "at": data.attrs["working_point"],
-        **({} if stylus is None else {"stylus_axis": _rounded(stylus)}),
         "cells": [axis.size for axis in map_.axes],
         "sectors": map_.sectors,
         "extent_mm": {"x": _rounded(box[:2]), "z": _rounded(box[2:])},
@@ -163,10 +163,10 @@ def _posture(circle: PosturesAtPoint, accuracy: AccuracyVolume, by: Array) -> di
     if not len(by):
         return dict.fromkeys(("theta_deg", "swivel_deg", "volume_mm3", "u_mm"))
     number = by.argmin()
-    swivel = circle.swivel[circle.within_limits] / DEG
+    swivel = circle.swivel[circle.within_limits][number]
     return {
         "theta_deg": _rounded(accuracy.q[number] / DEG),
-        "swivel_deg": _rounded(swivel[number : number + 1])[0],
+        "swivel_deg": round(float(swivel / DEG), JSON_DECIMALS) + 0.0,
         "volume_mm3": accuracy.volume[number] / MM3,
         "u_mm": accuracy.u[number] / MM,
     }

@@ -136,32 +136,23 @@ def quantity(value: float, unit: str) -> str:
     return f"{value:{form}} {unit}".removesuffix(" 1")
 
 
-def small(value: float, unit: str) -> str:
-    """A change or uncertainty [SI] in its small unit: ``30 µm``, ``27.1 µrad``."""
-    name, factor = small_unit(unit, value)
-    return f"{value * factor:.4g} {name}"
-
-
-def small_with_u(value: float, expanded: float, unit: str) -> str:
-    """A change ± its expanded uncertainty U [SI] with two digits of U: ``13.5 ± 6.0 µm``."""
-    if not expanded > 0.0:
-        return small(value, unit)
-    name, factor = small_unit(unit, expanded)
-    digits = max(0, 1 - int(np.floor(np.log10(expanded * factor))))
-    return f"{value * factor:z.{digits}f} ± {expanded * factor:.{digits}f} {name}"
-
-
-def small_unit(unit: str, largest: float = 0.0) -> tuple[str, float]:
-    """The unit of changes up to ``largest`` of a parameter, and how many make one ``unit``."""
+def small(value: float, unit: str, expanded: float = np.nan) -> str:
+    """A change or uncertainty [SI] in its small unit, perhaps ± its expanded uncertainty U with two
+    digits: ``30 µm``, ``27.1 µrad``, ``13.5 ± 6.0 µm``.
+    """
     if unit in ("m", "mm"):
         name, factor = "µm", 1e3 if unit == "mm" else 1e6
     elif unit.startswith("rad"):
         name, factor = f"µ{unit}", 1e6
     else:
-        return "ppm" + unit.removeprefix("1"), 1e6
-    if abs(largest) * factor >= LARGE_IN_MICRO:
-        return f"m{name[1:]}", factor / 1e3
-    return name, factor
+        name, factor = f"ppm{unit.removeprefix('1')}", 1e6
+    largest = expanded if expanded > 0.0 else value
+    if name[0] == "µ" and abs(largest) * factor >= LARGE_IN_MICRO:
+        name, factor = f"m{name[1:]}", factor / 1e3
+    if not expanded > 0.0:
+        return f"{value * factor:.4g} {name}"
+    digits = max(0, 1 - int(np.floor(np.log10(expanded * factor))))
+    return f"{value * factor:z.{digits}f} ± {expanded * factor:.{digits}f} {name}"
 
 
 def vector(values: Iterable[float], form: str = "z.4g") -> str:

@@ -3,30 +3,25 @@
 from __future__ import annotations
 
 import pandas as pd
-from matplotlib.figure import Figure as Drawing
 
-from aacmm_pin._support.units import MM
 from aacmm_pin.postures import places
-from aacmm_pin.report.arm_wireframe import ArmLines
 from aacmm_pin.report.document import (
     Bullets,
     Document,
     Download,
-    Figure,
     Heading,
     Table,
     document_of,
 )
-from aacmm_pin.report.plots.style import BLUE, GREEN, GREY, INK, VERMILLION, without_latex
 from aacmm_pin.verification import ASME, EDITIONS, RULE_OF, Procedure
 
 ARTEFACTS = {
-    "sphere": ("sphere", BLUE),
-    "single-point": ("seat", GREEN),
-    "length": ("length bar", VERMILLION),
-    "volumetric": ("ball bar", GREY),
+    "sphere": "sphere",
+    "single-point": "seat",
+    "length": "length bar",
+    "volumetric": "ball bar",
 }
-"""Artefact of each test, and its colour."""
+"""Artefact of each test."""
 ARTEFACT_OF_TEST = {
     "location": "sphere",
     "effective-diameter": "sphere",
@@ -69,19 +64,12 @@ def procedure_document(procedure: Procedure) -> Document:
             f"must be {ZONES}."
         )
     seed = "" if procedure.seed is None else f", seed {procedure.seed}"
-    views = Figure(
-        lambda: procedure_views(procedure),
-        "Spheres, seats and bars round the arm, from above and from the side",
-        "The figure shows the arm in one posture (black) and the positions of all artefacts. Use "
-        "the bars one after the other.",
-    )
     return Document(
         f"Points to probe for the acceptance test of {procedure.arm.name}",
         [
             ORIGIN,
             f"{procedure}.",
             Heading("Artefacts"),
-            views,
             Table(_sizes(points), "Artefacts and probe", detail=True),
             Table(_positions_table(procedure), POSITIONS, explained=seats),
             Heading("Points to probe, in order"),
@@ -113,8 +101,7 @@ def _positions_table(procedure: Procedure) -> pd.DataFrame:
     heads = ["distance [mm]", "bearing [°]", "height [mm]"]
     located = places(procedure.arm, ends[[*"xyz"]].to_numpy()).set_axis(heads, axis=1)
     table = ends[["kind", "position", "end"]].join(located.map(lambda value: f"{value:z.0f}"))
-    names = {kind: name for kind, (name, _) in ARTEFACTS.items()}
-    return table.assign(kind=table["kind"].map(names)).rename(columns={"kind": "artefact"})
+    return table.assign(kind=table["kind"].map(ARTEFACTS)).rename(columns={"kind": "artefact"})
 
 
 def _sizes(points: pd.DataFrame) -> pd.DataFrame:
@@ -138,37 +125,11 @@ def _steps(points: pd.DataFrame) -> pd.DataFrame:
     test = points["test"] + " " + points["position"] + repeat
     described = points[["feature", "articulation"]].assign(test=test).reset_index(drop=True)
     begins_step = (described != described.shift()).any(axis=1)
-    steps = described.groupby(begins_step.cumsum(), sort=False)
-    sizes, first = steps.size(), steps.first()
-    last_lines = sizes.cumsum() + 1  # the head of the file is line 1
-    ranges = zip(sizes, last_lines, strict=True)
-    lines = [f"{last}" if size == 1 else f"{last - size + 1} to {last}" for size, last in ranges]
-    times = (sizes.astype(str) + " × ").where(sizes > 1, "")
-    table = pd.DataFrame({"done": "☐", "lines": lines, "test": first["test"]})
-    return table.assign(probe=times + first["feature"], posture=first["articulation"])
-
-
-@without_latex()
-def procedure_views(procedure: Procedure) -> Drawing:
-    """The artefacts around the arm, from above and from the side."""
-    lines = ArmLines(procedure.arm).corners(procedure.q[:1])[0] / MM
-    figure = Drawing(figsize=(10.0, 5.6), layout="constrained")
-    views = figure.subplots(1, 2)
-    titles = ("View from above (along -z)", "View from the side (along y)")
-    for view, ordinate, title in zip(views, "yz", titles, strict=True):
-        plane = ["x", ordinate]
-        for (kind, position), ends in _ends(procedure).groupby(["kind", "position"], sort=False):
-            name, colour = ARTEFACTS[str(kind)]
-            points = ends[plane].to_numpy() / MM
-            view.plot(*points.T, "o-", color=colour, ms=5, lw=1.2, label=name)
-            if kind != "volumetric":
-                offset = {"xytext": (5, 4), "textcoords": "offset points", "fontsize": 8}
-                view.annotate(str(position), points[0], color=colour, **offset)
-        view.plot(*lines[:, [0, "xyz".index(ordinate)]].T, color=INK, lw=2.5)
-        view.plot(0, 0, "s", color=INK, ms=7)
-        view.set(xlabel="x [mm]", ylabel=f"{ordinate} [mm]", title=title)
-        view.set_aspect("equal")
-        view.grid(color="#eeeeee")
-    handles = {line.get_label(): line for line in views[0].lines if line.get_label()[0] != "_"}
-    figure.legend(handles.values(), handles, loc="outside lower center", ncols=4)
-    return figure
+    described["line"] = described.index + 2  # after the head of the file
+    steps = described.groupby(begins_step.cumsum())
+    first, last = steps.first(), steps["line"].last().astype(str)
+    times = steps.size().astype(str) + " × "
+    table = pd.DataFrame({"done": "☐", "lines": first["line"].astype(str) + " to " + last})
+    return table.assign(
+        test=first["test"], probe=times + first["feature"], posture=first["articulation"]
+    )

@@ -1,4 +1,4 @@
-"""Residuals of groups of records against their prediction; shapes of unexplained structure."""
+"""Residuals by model, and of groups of records; shapes of unexplained structure."""
 
 from __future__ import annotations
 
@@ -10,13 +10,36 @@ import pandas as pd
 
 from aacmm_pin._support.checks import Array, Mask
 from aacmm_pin._support.units import DEG, MM
-from aacmm_pin.calibration import Fit
-from aacmm_pin.diagnosis import Choice
+from aacmm_pin.calibration import Calibration, Fit
+from aacmm_pin.diagnosis import Choice, Diagnosis
+from aacmm_pin.errors import UnknownNameError
 
 OF_RECORD = "_of_record"
 """End of the columns of a shape with the values by each record."""
 RANGES_OF_A_NUMBER = 4
 """Ranges of joints, time and temperature, with equal numbers of records."""
+
+
+def models(result: Calibration | Diagnosis) -> dict[str, Fit]:
+    """The fits by the names of their models; the last determines the used records."""
+    if isinstance(result, Calibration):
+        return {"before": result.before, "after": result.fit}
+    return {
+        "nominal": result.before,
+        "recalibrated": result.recalibrated,
+        "extended": result.extended,
+    }
+
+
+def model_named(result: Calibration | Diagnosis, name: str) -> Fit:
+    """One of :func:`models`.
+
+    Raises:
+        UnknownNameError: no such model.
+    """
+    if name not in models(result):
+        raise UnknownNameError("model", name, list(models(result)))
+    return models(result)[name]
 
 
 def residuals_by_group(before: Fit, recalibrated: Fit, extended: Fit) -> pd.DataFrame:
@@ -68,8 +91,8 @@ def _groups(fit: Fit) -> Iterator[tuple[str, str, Mask]]:
         if values is not None:
             yield from _ranges(name, values, unit)
     for name in ("seat", "marker", "session"):
-        labels = getattr(conditions, name)
-        for label in dict.fromkeys([] if labels is None else labels):
+        labels = conditions.labels(name)
+        for label in dict.fromkeys(labels):
             if label:
                 yield name, str(label), labels == label
 

@@ -123,7 +123,8 @@ def _ambiguous(result: Diagnosis) -> str:
 
     Follow the line *Next* in the output.
     """
-    others = other_sets(result)
+    named = {finding.label for finding in result.findings}
+    others = {labels: p for labels, p in result.alternatives.items() if set(labels) != named}
     likely = [labels for labels, p in others.items() if p >= THRESHOLDS.rival]
     sets = []
     for labels in likely[:ALTERNATIVES] or [*others][:1]:
@@ -242,17 +243,6 @@ VERDICTS: Mapping[Verdict, VerdictText] = {
     "inconclusive": VerdictText(_inconclusive, _after_inconclusive),
 }
 """The words of each verdict, by its name."""
-
-
-def named_set(result: Diagnosis) -> set[str]:
-    """The labels of the named causes."""
-    return {finding.label for finding in result.findings}
-
-
-def other_sets(result: Diagnosis) -> dict[tuple[str, ...], float]:
-    """The labels of all sets of causes except the named set, with their probabilities."""
-    named = named_set(result)
-    return {labels: p for labels, p in result.alternatives.items() if set(labels) != named}
 
 
 def _findings_in_words(result: Diagnosis) -> str:

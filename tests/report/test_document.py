@@ -32,7 +32,7 @@ from aacmm_pin.report.document import (
     Table,
 )
 from aacmm_pin.report.formats import html
-from aacmm_pin.report.numbers import in_one_unit, lengths, p_equals, small, small_unit, spread
+from aacmm_pin.report.numbers import in_one_unit, lengths, p_equals, small, spread
 from tests.pages import Page
 
 EVIL = '<script>alert("x")</script> & {{ 7 * 7 }} [red]'
@@ -154,8 +154,7 @@ def test_numbers_have_one_style():
     assert lengths([3.12e-4, 5.234e-5]) == ["0.312 mm", "0.0523 mm"]
     assert [p_equals(p) for p in (0.0312, 3e-7, 0.0)] == ["p = 0.03", "p = 3e-07", "p < 1e-16"]
     units = {"mm": "µm", "rad": "µrad", "rad/(N·m)": "µrad/(N·m)", "1/K": "ppm/K", "1": "ppm"}
-    assert {unit: small_unit(unit)[0] for unit in units} == units
-    assert [small_unit(unit)[1] for unit in ("m", "mm", "rad")] == [1e6, 1e3, 1e6]
+    assert {unit: small(0.0, unit).partition(" ")[2] for unit in units} == units
     assert [small(0.13456, unit) for unit in ("m", "mm", "rad", "1")] == [
         "134.6 mm",
         "134.6 µm",

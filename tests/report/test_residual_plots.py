@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from aacmm_pin.calibration import calibrate
-from aacmm_pin.report.parameter_tables import parameter_table
 from aacmm_pin.report.plots import (
     BLUE,
     VERMILLION,
@@ -18,6 +17,7 @@ from aacmm_pin.report.plots import (
     plot_residuals_over_joint,
     plot_residuals_over_joints,
 )
+from aacmm_pin.report.plots.calibration_plots import parameter_table
 from tests.oracle import close
 
 READINGS = 8e-6

@@ -159,7 +159,7 @@ def factor_of(scene: Scene) -> float:
 
 def test_the_line_is_the_path_of_the_elbow():
     circle, scene = sino6_circle(), at_the_point()
-    elbow = circle.arm.poses(circle.q, "frame3").position
+    elbow = circle.arm.poses(circle.q, "frame4").position
     vertices, _, colours = mesh(scene, "path")
     drawn = vertices.reshape(-1, 6, 3).mean(axis=1)
     # Every posture is on it.
@@ -176,11 +176,12 @@ def test_the_line_has_the_colours_of_the_accuracy():
     volume = accuracy.volume / MM3
     low, high = volume.min(), volume.max()
     expected = colormaps["viridis"]((volume - low) / (high - low))[:, :3]
-    elbow = circle.arm.poses(accuracy.q, "frame3").position
+    elbow = circle.arm.poses(accuracy.q, "frame4").position
     vertices, _, colours = mesh(scene, "path")
     centre = vertices.reshape(-1, 6, 3).mean(axis=1)
     distance = np.linalg.norm(centre[:, None] - elbow[None], axis=2)
     within = distance.min(axis=1) < 1e-6
+    assert within.any()
     close(colours[::6][within], expected[distance.argmin(axis=1)][within], 1e-6)
 
 

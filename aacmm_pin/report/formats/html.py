@@ -46,11 +46,6 @@ def page(document: Document) -> str:
         section | {"blocks": _template_data(section["blocks"], on_page=True)}
         for section in sections
     ]
-    viewer = ""
-    if any(isinstance(block, SceneView) for block in document.blocks):
-        from aacmm_pin.report.scenes import shared_script  # loads meshcat
-
-        viewer = Markup(shared_script())
     template = environment().get_template("report.html.j2")
     return template.render(
         title=document.title,
@@ -59,7 +54,6 @@ def page(document: Document) -> str:
         by_hand=document.by_hand,
         opening=opening["blocks"],
         sections=[section for section in contents if section["blocks"]],
-        viewer=viewer,
     )
 
 

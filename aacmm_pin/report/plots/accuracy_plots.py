@@ -61,16 +61,13 @@ def plot_accuracy_of_postures(
     component = postures.component[inside]
     if isinstance(postures, ConfigurationCircle):
         abscissa = postures.swivel[inside] / DEG
-        ax.set_xlabel("swivel angle (elbow highest at 0°) [°]")
-        ax.set(xlim=(-180, 180), xticks=range(-180, 181, 60))
+        ax.set(xlabel="swivel angle (elbow highest at 0°) [°]", xticks=range(-180, 181, 60))
     elif isinstance(postures, ReachingPostures) and not postures.single:
         abscissa = postures.travel[inside]
         ax.set_xlabel("distance along the curve in joint space [rad]")
-        ax.set_xlim(0.0, 1.05 * abscissa.max(initial=0.0) or None)
     else:
-        abscissa, last = component.astype(np.float64), int(postures.component.max())
-        component = np.ones_like(component)
-        ax.set(xlabel="number of the posture", xlim=(0.5, last + 0.5), xticks=range(1, last + 1))
+        abscissa = component.astype(np.float64)
+        ax.set(xlabel="number of the posture", xticks=range(1, postures.component.max() + 1))
     right = ax.twinx()
     volume, u = accuracy.volume / MM3, accuracy.u / UM
     for number, marker in zip(np.unique(component), cycle(MARKERS), strict=False):

@@ -8,10 +8,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from aacmm_pin._support.units import DEG, MM, UM
+from aacmm_pin.arm import COVERAGE_FACTOR
 from aacmm_pin.calibration import Calibration
 from aacmm_pin.errors import AacmmError
-from aacmm_pin.report.parameter_tables import parameter_table
-from aacmm_pin.report.plots.residual_vectors import model_named
 from aacmm_pin.report.plots.style import (
     BLUE,
     GREY,
@@ -27,6 +26,7 @@ from aacmm_pin.report.plots.style import (
     shifts_aside,
     without_latex,
 )
+from aacmm_pin.report.residual_tables import model_named
 
 STATE_COLOURS = {"before": GREY, "after": BLUE}
 JOINT_BINS = 18
@@ -118,6 +118,21 @@ def plot_residuals_by_seat(result: Calibration, ax: Axes | None = None) -> Axes:
     legend_below(ax, columns=3)
     ax.set_title(f"{result.model.arm.name}: residuals by seat")
     return ax
+
+
+def parameter_table(result: Calibration) -> pd.DataFrame:
+    """:attr:`Calibration.parameters` with the ``stated`` half-width, or k u of a cause, k = 2, and
+    ``beyond``: the change exceeds stated + U.
+
+    A half-width is a bound and does not add in quadrature: √(stated² + U²) would mark some
+    parameter of 14 in 40 arms drawn within their half-widths.
+    """
+    table, vector = result.parameters, result.fit.problem.vector
+    parameters = zip(vector.arm_parameters, vector.parameters, strict=True)
+    sources = [of_arm or of_effect for of_arm, of_effect in parameters]
+    stated = np.array([p.half_width or COVERAGE_FACTOR * p.u or np.nan for p in sources])
+    stated /= np.where(table["unit"] == "mm", MM, 1.0)
+    return table.assign(stated=stated, beyond=np.abs(table["change"]) > stated + table["U"])
 
 
 @without_latex()

@@ -24,15 +24,11 @@ from aacmm_pin.report.plots.style import (
     VOLUME_COLOURS,
     axes_of,
     legend_below,
-    name_places,
-    shifts_aside,
     with_cut_off,
     without_latex,
 )
 from aacmm_pin.report.residual_tables import OF_RECORD
 
-FEWEST_COVARIATE_VALUES = 12
-"""A covariate with fewer values is shown value by value."""
 SHOWN_QUANTILES = (0.01, 0.99)
 """Quantiles of the records in the figure; the others may be cut off."""
 ROOM_BEYOND_CURVE = 0.8
@@ -77,19 +73,14 @@ def plot_cause(result: Diagnosis, finding: Finding, ax: Axes | None = None) -> A
     if not varies(result, finding):
         return plot_error_budget(result, ax)
     amounts, ax = partial_residual(result, finding.effect), axes_of(ax, (6.4, 3.8))
-    x, values = amounts.x, np.unique(amounts.x)
-    label, fewest = f"means of {FEWEST_IN_PART} or more records ± u", FEWEST_IN_PART
-    parts: Any = pd.cut(x, int(np.clip(len(x) // 8, 4, MOST_PARTS)), labels=False)
-    if len(values) <= FEWEST_COVARIATE_VALUES:
-        parts, fewest, label = x, 1, "means ± u"
-        x = x + shifts_aside(len(x), 0.12 * float(np.ptp(values)))
-        ax.set_xticks(values)
-    means = _weighted_means(amounts, parts, fewest)
+    parts = pd.cut(amounts.x, int(np.clip(len(amounts.x) // 8, 4, MOST_PARTS)), labels=False)
+    means = _weighted_means(amounts, parts)
+    label = f"means of {FEWEST_IN_PART} or more records ± u"
     ends = [means["value"] - means["u"], means["value"] + means["u"]]
     limits = _axis_limits(np.concatenate([amounts.fitted, *ends]), amounts.value)
     records = with_cut_off("records", amounts.value, limits)
     ax.axhline(0.0, color=INK, lw=0.6)
-    ax.plot(x, amounts.value, ".", ms=3, color=GREY, alpha=0.5, label=records, zorder=1)
+    ax.plot(amounts.x, amounts.value, ".", ms=3, color=GREY, alpha=0.5, label=records, zorder=1)
     curve = pd.Series(amounts.fitted, amounts.x).sort_index()
     ax.plot(curve, "-", color=BLUE, lw=2.0, label="fitted cause", zorder=2)
     bars: dict[str, Any] = {"fmt": "o", "ms": 4, "lw": 1.2, "capsize": 2.5, "zorder": 3}
@@ -100,12 +91,12 @@ def plot_cause(result: Diagnosis, finding: Finding, ax: Axes | None = None) -> A
     return ax
 
 
-def _weighted_means(amounts: PartialResidual, parts: Any, fewest: int) -> pd.DataFrame:
+def _weighted_means(amounts: PartialResidual, parts: Any) -> pd.DataFrame:
     """Weighted means of x and value in ``parts`` (n,), and u of the value."""
     weight = amounts.u**-2.0
     table = pd.DataFrame({"weight": weight, "x": weight * amounts.x})
     groups = table.assign(value=weight * amounts.value).groupby(parts)
-    sums = groups.sum()[groups.size() >= fewest]
+    sums = groups.sum()[groups.size() >= FEWEST_IN_PART]
     return sums.div(sums["weight"], axis=0).assign(u=sums["weight"] ** -0.5)
 
 
@@ -154,19 +145,15 @@ def plot_unexplained(result: Diagnosis, name: str, ax: Axes | None = None) -> Ax
 
 def _plot_over_one(shape: pd.DataFrame, over: str, quantities: list[str], ax: Axes) -> None:
     """Draw a correction over one covariate, or as marks at each label."""
-    x, step, aside_of_mark = shape[over].to_numpy(), 0.0, np.zeros(len(shape))
+    x: Any = shape[over]
     style: dict[str, Any] = {"lw": 2}
     if not is_numeric_dtype(x):
-        x, names = pd.factorize(x)
-        step, aside_of_mark = 0.22, shifts_aside(len(x), 0.14)
         style = {"ls": "", "marker": "_", "ms": 18, "mew": 2.5}
-        name_places(ax, [str(name) for name in names])
+        ax.tick_params(axis="x", labelrotation=90)
     ax.axhline(0.0, color=INK, lw=0.6)
-    for k, (quantity, colour) in enumerate(zip(quantities, AXIS_COLOURS, strict=False)):
-        abscissa = x + step * (k - (len(quantities) - 1) / 2)
-        of_records = shape[quantity + OF_RECORD]
-        ax.plot(abscissa + aside_of_mark, of_records, ".", ms=2.5, color=colour, alpha=0.3)
-        ax.plot(abscissa, shape[quantity], color=colour, label=f"correction, {quantity}", **style)
+    for quantity, colour in zip(quantities, AXIS_COLOURS, strict=False):
+        ax.plot(x, shape[quantity + OF_RECORD], ".", ms=2.5, color=colour, alpha=0.3)
+        ax.plot(x, shape[quantity], color=colour, label=f"correction, {quantity}", **style)
     records = shape[[quantity + OF_RECORD for quantity in quantities]].to_numpy()
     limits = _axis_limits(shape[quantities].to_numpy(), records)
     ax.plot([], [], ".", color=GREY, label=with_cut_off("records", records, limits))

@@ -55,9 +55,8 @@ def plot_circle(
         )
     ax.computed_zorder = False
     inside = np.flatnonzero(circle.within_limits) if accuracy is None else paired(circle, accuracy)
-    point, reach = circle.point / MM, "out of reach"
+    point = circle.point / MM
     if len(circle):
-        reach = f"{len(inside)} of {len(circle)} postures within limits"
         eligible = inside if len(inside) else np.arange(len(circle))
         arms = ArmLines(circle.arm).corners(circle.q[evenly_selected(eligible, postures)]) / MM
         shades = TUBE_COLOURS(np.linspace(0.3, 0.75, len(arms)))
@@ -76,7 +75,7 @@ def plot_circle(
     x, y, _ = point - shoulder
     ax.view_init(elev=18, azim=float(np.arctan2(y, x)) / DEG + 35)
     place = ", ".join(f"{coordinate:.1f}" for coordinate in point)
-    ax.set_title(f"{circle.arm.name}: {circle.at} at ({place}) mm\n{reach}", pad=-14)
+    ax.set_title(f"{circle.arm.name}: {circle.at} at ({place}) mm", pad=-14)
     ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.05), ncols=3)
     return ax
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -12,7 +12,6 @@ from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.calibration import Fit
 from aacmm_pin.diagnosis import Diagnosis, Finding
 from aacmm_pin.effects import (
-    Conditions,
     Displacement,
     Effect,
     State,
@@ -81,14 +80,13 @@ def varies(result: Diagnosis, finding: Finding) -> bool:
     return not (constant or result.geometric(finding) or corrects_seat(finding.effect))
 
 
-def state_of(fit: Fit, q: Array | None = None, conditions: Conditions | None = None) -> State:
-    """The fitted arm, in the records of the fit or in others."""
-    problem = fit.problem
+def state_of(fit: Fit) -> State:
+    """The fitted arm in the records of the fit."""
+    problem, arm = fit.problem, fit.problem.model.arm
     effects = (*problem.model.effects, *fit.effects)
-    records, arm = problem.measurements, problem.model.arm
-    q = records.q if q is None else q
-    conditions = conditions or records.conditions
-    return displaced(arm, effects, q, conditions, arm.place(), as_referenced=False)
+    records = problem.measurements
+    place = arm.place()
+    return displaced(arm, effects, records.q, records.conditions, place, as_referenced=False)
 
 
 def partial_residual(result: Diagnosis, effect: Effect) -> PartialResidual:
@@ -171,7 +169,7 @@ def _abscissa(effect: Effect, state: State, cause: _Amount) -> tuple[Array, str]
     if "approach" in effect.needs and row is not None:
         approach = conditions.require("approach", effect.label)
         return approach[:, state.joint(row)], "direction of the last motion [1]"
-    if row is not None and is_of_angle(effect, state):
+    if row is not None and effect.function_of == "angle":
         order = float(getattr(effect, "order", 0.0))
         if order > FOLDED:
             period = 360.0 / order
@@ -191,21 +189,6 @@ def load_words(effect: Effect) -> str:
         return "negative measured torque"
     default = getattr(effect, "load", "load")
     return LOADS.get(effect.cause, default)
-
-
-def is_of_angle(effect: Effect, state: State) -> bool:
-    """Whether it is a function of the angle of its own joint alone."""
-    row, acts_at_joint = effect.row, effect.location_field() == "joint"
-    if row is None or not acts_at_joint or effect.elastic or effect.needs:
-        return False
-    number = state.joint(row)
-    alone = np.zeros_like(state.q)
-    alone[:, number] = state.q[:, number]
-    displacements = effect.displacements(state)
-    of_joint_alone = effect.displacements(replace(state, q=alone))
-    return len(displacements) == 1 and np.array_equal(
-        displacements[0].columns, of_joint_alone[0].columns
-    )
 
 
 def unit_of_load(unit: str, amount: str) -> str:

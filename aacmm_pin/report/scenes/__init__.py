@@ -3,7 +3,7 @@
 from aacmm_pin.report.scenes.arm_scene import arm_scene
 from aacmm_pin.report.scenes.circle_scene import circle_scene
 from aacmm_pin.report.scenes.residual_scene import residual_scene
-from aacmm_pin.report.scenes.scene import Frames, Scene, shared_script
+from aacmm_pin.report.scenes.scene import Frames, Scene
 
 __all__ = [
     "Frames",
@@ -11,5 +11,4 @@ __all__ = [
     "arm_scene",
     "circle_scene",
     "residual_scene",
-    "shared_script",
 ]

@@ -31,7 +31,6 @@ from aacmm_pin.report.scenes.stage import (
     placed_at,
     prisms,
     size_of,
-    solid,
     stage,
 )
 
@@ -41,8 +40,6 @@ SEEN = 0.14
 """Largest half-length of a drawn ellipsoid, over the size of the scene."""
 THIN = 1e-4
 """Least thickness of an ellipsoid over its length."""
-GHOSTS, GHOST = 5, "#7f9cc0"
-"""Postures drawn thin behind the shown one, and their colour."""
 MOST_CIRCLE_FRAMES = 360
 """Postures on the slider, evenly selected."""
 PATH_POINTS = 480
@@ -58,8 +55,8 @@ def circle_scene(
     """Make an animation of the arm through all postures within limits that reach a point, or all
     postures if none is within limits.
 
-    The path of the elbow, or without elbow of the joint that moves most, has the colour of the
-    accuracy volume within limits, and is grey outside. A magnified 95 % coverage ellipsoid of the
+    The path of the joint that moves most, such as the elbow, has the colour of the accuracy volume
+    within limits, and is grey outside. A magnified 95 % coverage ellipsoid of the
     posture is at the point.
 
     Args:
@@ -95,11 +92,6 @@ def circle_scene(
         f"The slider shows {part}the {len(eligible)} postures{within}, one closed curve after the "
         "other.",
     )
-    ghosts = lines.corners(circle.q[evenly_selected(eligible, GHOSTS)])
-    start, end = ghosts[:, :-1].reshape(-1, 3), ghosts[:, 1:].reshape(-1, 3)
-    ghost_tubes = prisms(start, end, 0.3 * lines.radius)
-    scene["ghosts"].set_object(ghost_tubes, solid(GHOST, 0.45, flatShading=True))
-    scene.explain(GHOST, "other postures", "line")
     draw_ball(scene, "point", "working point", 0.75 * lines.radius, circle.point)
     colours = np.tile(to_rgb(GREY), (len(circle.q), 1))
     colours[inside] = to_rgb(BLUE)
@@ -110,8 +102,8 @@ def circle_scene(
     texts |= joint_texts(circle.arm, q)
     if accuracy is not None and len(inside):
         volume, rows = accuracy.volume / MM3, np.searchsorted(inside, members)
-        scene.bar = ColourBar.of(VOLUME_LABEL, volume, VOLUME_COLOURS)
-        colours[inside] = scene.bar.colours(volume)
+        scene.bar = ColourBar(VOLUME_LABEL, volume, VOLUME_COLOURS)
+        colours[inside] = scene.bar.colours
         moves["accuracy"] = _draw_ellipsoids(scene, circle.point, accuracy, size_of(points))[rows]
         texts["volume"] = [f"{volume:.4g} mm³" for volume in volume[rows]]
         texts["uncertainty u"] = [f"{u:.1f} µm" for u in accuracy.u[rows] / UM]
@@ -131,9 +123,7 @@ def circle_scene(
 
 
 def _path_of(circle: PosturesAtPoint) -> tuple[Array, str]:
-    """The path (n, 3) [m] of the elbow, else of the joint whose origin moves most; its name."""
-    if isinstance(circle, ConfigurationCircle):
-        return circle.components.swivel.elbow(circle.q), "the elbow"
+    """The path (n, 3) [m] of the joint whose origin moves most, and its name."""
     axes = circle.arm.chain.moving_axes()
     _, origin = circle.arm.chain.walk(circle.q)
     widest = int(np.linalg.norm(np.ptp(origin[axes], axis=1), axis=1).argmax())

@@ -4,19 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
+from aacmm_pin._support.checks import Array
 from aacmm_pin._support.units import MM
-from aacmm_pin.calibration import Calibration, rms_residual
+from aacmm_pin.calibration import Calibration, Fit
 from aacmm_pin.diagnosis import Diagnosis
 from aacmm_pin.report.arm_wireframe import ArmLines
-from aacmm_pin.report.numbers import lengths
-from aacmm_pin.report.plots.residual_vectors import (
-    MOST_VECTORS,
-    deviations_of,
-    magnification_of,
-    model_named,
-    models,
-)
-from aacmm_pin.report.plots.style import evenly_selected
+from aacmm_pin.report.plots.style import evenly_selected, round_down
+from aacmm_pin.report.residual_tables import model_named, models
 from aacmm_pin.report.scenes.bodies import BodyStyle, draw_bodies, moves_of
 from aacmm_pin.report.scenes.scene import ColourBar, Frames, Scene
 from aacmm_pin.report.scenes.stage import (
@@ -30,6 +24,10 @@ from aacmm_pin.report.scenes.stage import (
     stage,
 )
 
+LONGEST_VECTOR = 0.08
+"""Length of nearly all residuals, as part of the picture."""
+MOST_VECTORS = 400
+"""Residuals to draw; evenly selected from more."""
 SIZE_COLOURS = "plasma"
 FOOT = 0.005
 """Radius of a spike's foot over the size of the scene."""
@@ -59,39 +57,34 @@ def residual_scene(
     arm, fits = result.model.arm, models(result)
     name = model or [*fits][-1]
     fit, last_fit = model_named(result, name), [*fits.values()][-1]
-    start = "target" if isinstance(result, Calibration) else "reference"
     distances_mm = {
-        of_model: np.linalg.norm(deviations_of(result, model_fit), axis=1) / MM
+        of_model: np.linalg.norm(_deviations(result, model_fit), axis=1) / MM
         for of_model, model_fit in fits.items()
     }
     chosen = evenly_selected(np.flatnonzero(last_fit.used), MOST_VECTORS)
     chosen = chosen[np.argsort(-distances_mm[name][chosen], kind="stable")]
     # In the base, where the arm is drawn.
     frame, records = fit.point.frame, fit.problem.measurements
-    deviation = deviations_of(result, fit)[chosen] @ frame.rotation
+    deviation = _deviations(result, fit)[chosen] @ frame.rotation
     target = frame.back(fit.point.prediction.tips[chosen]) - deviation
-    factor = magnification_of(target, deviation)
+    usual = float(np.quantile(np.linalg.norm(deviation, axis=1), 0.95)) or 1e-12
+    factor = round_down(LONGEST_VECTOR * (size_of(target) or 1.0) / usual)
     ends = target + factor * deviation
     q, lines = records.q[chosen], ArmLines(arm)
     points = np.vstack([lines.corners(q).reshape(-1, 3), target, ends])
-    foot = FOOT * size_of(points)
-    rms = lengths(rms_residual(model_fit, last_fit.used) for model_fit in fits.values())
-    sizes = ", ".join(f"{size} ({model})" for model, size in zip(fits, rms, strict=True))
-    caption = (
-        f"The scene shows {len(chosen)} of {int(last_fit.used.sum())} used records. The RMS "
-        f"residual of all used records is {sizes}."
-    )
+    caption = f"The scene shows {len(chosen)} of {int(last_fit.used.sum())} used records."
     scene = stage(f"{arm.name}: residuals, {name}", caption, lines, points, target)
     draw_bodies(scene, lines, body_style)
-    size_mm = distances_mm[name][chosen]
-    scene.bar = ColourBar.of(f"distance between tip and {start} [mm]", size_mm, SIZE_COLOURS)
-    colours = scene.bar.colours(size_mm)
+    scene.bar = ColourBar(
+        "distance between tip and target [mm]", distances_mm[name][chosen], SIZE_COLOURS
+    )
+    colours, foot = scene.bar.colours, FOOT * size_of(points)
     of_spikes = np.repeat(colours[:, None], 2, axis=1)
     spikes = prisms(target, ends, foot, point=True, colours=of_spikes)
     scene["residuals"].set_object(spikes, by_vertex())
-    draw_ball(scene, "record", f"{start} of this record", 1.6 * foot, target[0])
+    draw_ball(scene, "record", "target of this record", 1.6 * foot, target[0])
     scene.notes = [
-        f"Each spike is a residual, from the {start} towards the tip, magnified {factor:g} times.",
+        f"Each spike is a residual, from the target towards the tip, magnified {factor:g} times.",
         "The slider shows the residuals, the largest first.",
         *scene.notes,
     ]
@@ -99,12 +92,21 @@ def residual_scene(
     texts = {
         "row": [str(row) for row in records.row[chosen]],
         "seat": [str(seat or "–") for seat in seats[chosen]],
-        start: [place_text(place) for place in target],
+        "target": [place_text(place) for place in target],
     }
     for of_model, distances in distances_mm.items():
         texts[f"residual, {of_model}"] = [f"{mm:.4f} mm" for mm in distances[chosen]]
-    texts |= joint_texts(arm, q)
-    del texts["limits"]
     moves = moves_of(lines, q) | {"record": placed_at(target)}
-    scene.frames = Frames(moves, texts, colours, per_second=PER_SECOND)
+    scene.frames = Frames(moves, texts | joint_texts(arm, q), colours, per_second=PER_SECOND)
     return scene
+
+
+def _deviations(result: Calibration | Diagnosis, fit: Fit) -> Array:
+    """Residuals (n, 3) [m]; of a diagnosis from the stated, else the estimated place of the
+    seat.
+    """
+    if isinstance(result, Calibration):
+        return fit.system.deviation
+    records = fit.problem.measurements
+    from_reference = fit.point.prediction.tips - records.reference
+    return np.where(records.known[:, None], from_reference, fit.system.deviation)

@@ -1,9 +1,4 @@
-"""A scene: the commands of meshcat, for one page without a server, or for meshcat's own server.
-
-meshcat's viewer is one script of 0.85 MB. A page with several scenes has it once, as inert text
-(:func:`shared_script`); each scene is an inner frame that receives it when scrolled into sight, or
-soon after the page has been read.
-"""
+"""A scene: the commands of meshcat, for one page without a server, or for meshcat's own server."""
 
 from __future__ import annotations
 
@@ -14,12 +9,12 @@ from dataclasses import dataclass
 from functools import cache
 from importlib import resources
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, Literal
 
 import meshcat
 import numpy as np
 import umsgpack
-from jinja2.utils import htmlsafe_json_dumps
 from markupsafe import Markup, escape
 from matplotlib import colormaps
 from matplotlib.colors import Normalize, to_hex
@@ -40,11 +35,6 @@ FRAME_HEIGHT = 540
 """Height of a scene in a notebook or on a page [px]."""
 MESHCAT_ID = re.compile(rb"[0-9a-f]{8}(-[0-9a-f]{4}){3}-[0-9a-f]{12}")
 """meshcat's id of a geometry, material or object, with the time and the network address."""
-POSTER = (
-    '<p style="position: absolute; inset: 2rem 1rem auto; text-align: center">Scroll '
-    "here to see the 3D scene.</p>"
-)
-"""Shown until the scene is drawn over it."""
 
 
 @dataclass(frozen=True)
@@ -58,27 +48,18 @@ class Swatch:
 
 @dataclass(frozen=True, eq=False)
 class ColourBar:
-    """The colour scale of a scene; ``label`` has the unit, ``name`` is a colour map of
+    """The colour scale of ``values`` (n,); ``label`` has the unit, ``name`` is a colour map of
     matplotlib.
     """
 
     label: str
-    low: float
-    high: float
+    values: Array
     name: str
 
-    @staticmethod
-    def of(label: str, values: Array, name: str) -> ColourBar:
-        """The colour scale of the finite ``values``, slightly wider if all are equal."""
-        finite = values[np.isfinite(values)]
-        low, high = float(finite.min()), float(finite.max())
-        room = 0.0 if high > low else max(abs(low), 1e-12) * 0.01
-        return ColourBar(label, low - room, high + room, name)
-
-    def colours(self, values: Array) -> Array:
-        """Colours (n, 3) in [0, 1] of ``values`` (n,)."""
-        shade = Normalize(self.low, self.high)(values)
-        return np.asarray(colormaps[self.name](shade))[:, :3]
+    @property
+    def colours(self) -> Array:
+        """Colours (n, 3) in [0, 1] of the values."""
+        return np.asarray(colormaps[self.name](Normalize()(self.values)))[:, :3]
 
     @property
     def css(self) -> str:
@@ -87,11 +68,10 @@ class ColourBar:
         return f"linear-gradient(to right, {', '.join(map(to_hex, colours))})"
 
     @property
-    def ticks(self) -> list[tuple[float, str]]:
-        """Positions along the scale [%] and texts of the ticks."""
-        values = np.linspace(self.low, self.high, TICKS)
-        percent = np.linspace(0.0, 100.0, TICKS)
-        return [(place, f"{value:.3g}") for place, value in zip(percent, values, strict=True)]
+    def ticks(self) -> list[str]:
+        """Numbers at equal distances along the scale."""
+        ends = self.values.min(), self.values.max()
+        return [f"{value:.3g}" for value in np.linspace(*ends, TICKS)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,16 +106,6 @@ class Frames:
         }
 
 
-class _Window:
-    web_url = ""
-
-    def __init__(self) -> None:
-        self.commands: list[Any] = []
-
-    def send(self, command: Any) -> None:
-        self.commands.append(command)
-
-
 class Scene:
     """A three-dimensional scene with a title, a legend and a view; a moving scene also has frames.
 
@@ -149,8 +119,9 @@ class Scene:
     """
 
     def __init__(self, title: str, caption: str = "") -> None:
-        self._window = _Window()
-        self.meshcat = Visualizer(window=self._window)
+        self._sent: list[Any] = []
+        window = SimpleNamespace(web_url="", send=self._sent.append)
+        self.meshcat = Visualizer(window=window)
         self.title, self.caption = title, caption
         self.swatches: list[Swatch] = []
         self.bar: ColourBar | None = None
@@ -173,12 +144,18 @@ class Scene:
         def number(match: re.Match[bytes]) -> bytes:
             return numbers.setdefault(match[0], b"%036d" % len(numbers))
 
-        packed = [umsgpack.packb(command.lower()) for command in self._window.commands]
+        packed = [umsgpack.packb(command.lower()) for command in self._sent]
         return [MESHCAT_ID.sub(number, command) for command in packed]
 
     def html(self) -> str:
         """The scene as one HTML page that needs neither network nor server."""
-        return self._page(f"<script>{viewer_script()}</script>", plays=True)
+        data = {
+            "commands": [_base64(command) for command in self.commands],
+            "frames": self.frames and self.frames.data,
+            "view": self.view,
+        }
+        template = environment().get_template("scene.html.j2")
+        return template.render(scene=self, viewer=Markup(viewer_script()), data=plain(data))
 
     def save(self, path: str | Path, force: bool = False) -> None:
         """Save :meth:`html` as a file.
@@ -190,18 +167,12 @@ class Scene:
             temporary.write_text(encodable(self.html()), encoding="utf-8")
 
     def embedded(self) -> str:
-        """The scene as HTML in a frame, for a page with one
-        :func:`aacmm_pin.report.scenes.shared_script`.
-        """
-        page = htmlsafe_json_dumps(self._page("<!-- viewer -->", plays=False))
-        frame = self._frame("class=aacmm-scene")
-        return (
-            f'<div style="position: relative">{POSTER}{frame}\n'
-            f'<script type="application/json">{page}</script></div>'
-        )
+        """The scene as HTML in a frame, for another page."""
+        style = f"position: relative; width: 100%; height: {FRAME_HEIGHT}px; border: 0"
+        frame = f'<iframe title="{escape(self.title)}" allowfullscreen style="{style}"'
+        return f'{frame} srcdoc="{escape(self.html())}"></iframe>'
 
-    def _repr_html_(self) -> str:
-        return self._frame(f'srcdoc="{escape(self.html())}"')
+    _repr_html_ = embedded
 
     def show(self, browser: bool = True) -> Visualizer:
         """Show the scene live with meshcat's own server, in the first posture.
@@ -214,36 +185,11 @@ class Scene:
             ``jupyter_cell()`` displays the scene.
         """
         live = Visualizer()
-        for command in self._window.commands:
+        for command in self._sent:
             live.window.send(command)
         for path, placements in (self.frames.placements if self.frames else {}).items():
             live[path].set_transform(placements[0])
         return live.open() if browser else live
-
-    def _page(self, viewer: str, *, plays: bool) -> str:
-        data = {
-            "plays": plays,
-            "commands": [_base64(command) for command in self.commands],
-            "frames": self.frames and self.frames.data,
-            "view": self.view,
-        }
-        template = environment().get_template("scene.html.j2")
-        return template.render(scene=self, viewer=Markup(viewer), data=plain(data))
-
-    def _frame(self, attribute: str) -> str:
-        style = f"position: relative; width: 100%; height: {FRAME_HEIGHT}px; border: 0"
-        title = escape(self.title)
-        return f'<iframe title="{title}" {attribute} allowfullscreen style="{style}"></iframe>'
-
-
-def shared_script() -> str:
-    """HTML that a page with embedded scenes needs once: the viewer, and a script that fills the
-    frames.
-    """
-    return (
-        f'<script type="text/plain" id="aacmm-viewer">{viewer_script()}</script>\n'
-        f"<script>{environment().get_template('embed.js').render()}</script>"
-    )
 
 
 @cache

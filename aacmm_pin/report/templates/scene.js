@@ -141,7 +141,7 @@
   if (frames) {
     show(0);
     const still = window.matchMedia("(prefers-reduced-motion: reduce)").matches || location.hash === "#still";
-    if (data.plays && frames.count > 1 && !still) play(true);
+    if (window === parent && frames.count > 1 && !still) play(true);
   }
   window.page = { viewer, show, play, frames, get current() { return current; } };
 })();
