@@ -381,8 +381,8 @@ def residuals_table(result: Diagnosis) -> pd.DataFrame:
 # Sections ------------------------------------------------------------
 
 
-def answers(result: Diagnosis, planned: str) -> list[Paragraph]:
-    """Paragraphs from the verdict to the next measurements."""
+def _result_section(result: Diagnosis, planned: str) -> Iterator[Block]:
+    yield Heading("Result")
     sentences = {
         f"{capital(result.verdict.replace('-', ' '))}.": verdict_in_words(result),
         "Probability:": certainty_in_words(result),
@@ -390,12 +390,9 @@ def answers(result: Diagnosis, planned: str) -> list[Paragraph]:
         "Residuals and gain:": summary_line(result),
         "Next:": f"{capital(planned)}.",
     }
-    return [Paragraph(text, True, head) for head, text in sentences.items() if text]
-
-
-def _result_section(result: Diagnosis, planned: str) -> Iterator[Block]:
-    yield Heading("Result")
-    yield from answers(result, planned)
+    for head, text in sentences.items():
+        if text:
+            yield Paragraph(text, finding=True, head=head)
     height = 0.9 + 0.32 * len(result.budget)
     yield Figure(
         lambda: plots.plot_error_budget(result, blank_axes(6.8, height)),
@@ -456,16 +453,6 @@ def _causes_sections(result: Diagnosis) -> Iterator[Block]:
         yield Paragraph("No cause has a probability of 0.5 or more.", detail=True)
     yield Table(places_table(result), PLACES_LISTED, explained=PLACES_EXPLAINED)
     yield Table(ranking(result), "Causes of error in the extended arm", explained=RANKED)
-    yield from figures_of_causes(result)
-    yield Heading("Other possible causes")
-    yield Table(alternatives(result), SETS_LISTED, explained=ALL_SETS)
-    yield Table(
-        alias_table(result), ALIASES_LISTED, {"correlation": ".2f"}, explained=ALIASES_EXPLAINED
-    )
-
-
-def figures_of_causes(result: Diagnosis) -> Iterator[Block]:
-    """A figure of each cause that depends on something."""
     for finding in result.findings:
         if varies(result, finding):
             words = capital(in_words(finding.effect, result.model.arm))
@@ -476,6 +463,11 @@ def figures_of_causes(result: Diagnosis) -> Iterator[Block]:
                 "have their fitted values. Each circle is the mean of neighbouring dots, and the "
                 "bar shows the standard uncertainty u of the mean. The line is the fitted cause.",
             )
+    yield Heading("Other possible causes")
+    yield Table(alternatives(result), SETS_LISTED, explained=ALL_SETS)
+    yield Table(
+        alias_table(result), ALIASES_LISTED, {"correlation": ".2f"}, explained=ALIASES_EXPLAINED
+    )
 
 
 def _held_out_section(result: Diagnosis) -> Iterator[Block]:

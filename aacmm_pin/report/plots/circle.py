@@ -75,7 +75,8 @@ def plot_circle(
     x, y, _ = point - shoulder
     ax.view_init(elev=18, azim=float(np.arctan2(y, x)) / DEG + 35)
     place = ", ".join(f"{coordinate:.1f}" for coordinate in point)
-    ax.set_title(f"{circle.arm.name}: {circle.at} at ({place}) mm", pad=-14)
+    reach = "" if len(circle) else ", out of reach"
+    ax.set_title(f"{circle.arm.name}: {circle.at} at ({place}) mm{reach}", pad=-14)
     ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.05), ncols=3)
     return ax
 
