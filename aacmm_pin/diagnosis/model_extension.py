@@ -205,8 +205,7 @@ class _Search:
         """
         design = design_of(refit, library, self.all_covariates)
         candidates = Candidates.of(design, library)
-        blocks_of_causes = [b for b in design.blocks if b.candidate < design.causes]  # first ones
-        identities = [library[b.candidate][b.variant].identity for b in blocks_of_causes]
+        identities = [e.identity for e in itertools.chain.from_iterable(library)]  # first blocks
         start = tuple(sorted(identities.index(effect.identity) for effect in effects))
         if previous is None:
             tips, dof, scatter = refit.point.prediction.poses, refit.chi2.dof, None

@@ -93,14 +93,12 @@ class Candidates:
         number_of_cause = {cause.label: k for k, cause in enumerate(causes)}
         follows = [number_of_cause.get(f"{cause.follows}:{cause.place}", -1) for cause in causes]
         free = [cause.free_form for cause in causes]
+        blocks_of_causes = [b for b in design.blocks if b.candidate < len(library)]  # first ones
+        effects = [library[b.candidate][b.variant] for b in blocks_of_causes]
         values = np.full(len(design.blocks), np.nan)
-        changes = []
-        for k, block in enumerate(design.blocks):
-            if block.candidate < len(library):
-                effect = library[block.candidate][block.variant]
-                values[k] = effect.nonlinear.value(effect) if effect.nonlinear.field else np.nan
-                if is_change(effect):
-                    changes.append(k)
+        for k, effect in enumerate(effects):
+            if effect.nonlinear.field:
+                values[k] = effect.nonlinear.value(effect)
         return Candidates(
             design,
             log_prior[design.owners] + np.concatenate(log_shares),
@@ -108,7 +106,7 @@ class Candidates:
             free=np.array([*free, *len(covariates) * [False]], dtype=bool),
             follows=np.array([*follows, *len(covariates) * [-1]]),
             values=values,
-            changes=tuple(changes),
+            changes=tuple(k for k, effect in enumerate(effects) if is_change(effect)),
         )
 
     @property

@@ -281,16 +281,11 @@ class RecordNoise:
     def shared_size(self, fit: Fit) -> float:
         """Root mean square displacement of tips by the shared error, for a variance of one [m]."""
         if not self.of_readings:
-            return fit.expected_rms(self.ratio**2 * self.covariances)
+            by_unit = self.ratio * self._unwhitening
+            return fit.expected_rms(by_unit @ by_unit.transpose(0, 2, 1))
         u_readings = self.record * self.ratio * self.readings
         displacements = fit.by_reading * u_readings
         return fit.expected_rms(displacements @ displacements.transpose(0, 2, 1))
-
-    @property
-    def covariances(self) -> Array:
-        """Covariance of each residual but for what it shares (n, 3, 3) [m²], or (n, 6, 6)."""
-        inverse = self._unwhitening
-        return inverse @ inverse.transpose(0, 2, 1)
 
     @property
     def _unwhitening(self) -> Array:
