@@ -80,7 +80,7 @@ class Family:
     Attributes:
         blocks: their numbers (b,).
         columns: those of the place (columns,); without combinations those of each block (b, q).
-        combinations: of each block (b, columns, q), or None.
+        combinations: of each block (columns, b, q), or None.
         positive: of each block (b,), see :class:`Block`.
     """
 
@@ -93,7 +93,7 @@ class Family:
         """The family of some of the blocks (b,)."""
         if self.combinations is None:
             return Family(self.blocks[chosen], self.columns[chosen], None, self.positive[chosen])
-        combinations = self.combinations[chosen]
+        combinations = self.combinations[:, chosen]
         return Family(self.blocks[chosen], self.columns, combinations, self.positive[chosen])
 
     def in_parameters(self, products: Array) -> Array:
@@ -101,7 +101,7 @@ class Family:
         (r, b, q), as products of the parameters (b, r, q).
         """
         if self.combinations is not None:
-            products = np.tensordot(products, self.combinations, (1, 1))
+            products = np.tensordot(products, self.combinations, 1)
         return products.transpose(1, 0, 2)
 
     def information(self, matrix: Array) -> Array:
@@ -109,7 +109,7 @@ class Family:
         products = matrix[self.columns[..., :, None], self.columns[..., None, :]]
         if self.combinations is None:
             return np.asarray(products)
-        return np.asarray(self.combinations.transpose(0, 2, 1) @ self.in_parameters(products))
+        return np.asarray(self.combinations.transpose(1, 2, 0) @ self.in_parameters(products))
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,7 +171,7 @@ class Design:
             if basis is not None:
                 columns = columns[0]
             combinations = [b.combinations for b in blocks if b.combinations is not None]
-            stacked = np.array(combinations) if combinations else None
+            stacked = np.stack(combinations, axis=1) if combinations else None
             families.append(Family(np.array(numbers), columns, stacked, positive))
         return tuple(families)
 
