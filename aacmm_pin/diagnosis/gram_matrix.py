@@ -62,11 +62,12 @@ class Gram:
     @cached_property
     def along_directions(self) -> Array:
         """Products of the directions with all columns and the residual (r, columns + 1)."""
-        return np.asarray(self.directions.T @ self.matrix[:-1])
+        return np.asarray(self.directions.T @ self.matrix[-1 - len(self.directions) : -1])
 
     @cached_property
     def directions(self) -> Array:
-        """Directions of the background: all covariates together in few (columns, r).
+        """Directions of the background: all covariates, whose columns are the last ones, together
+        in few (columns of covariates, r).
 
         Each covariate block counts with the same mean square, all together with that of the
         noise; but no parameter is larger than the largest width, or an arm that shrinks to a point
@@ -95,7 +96,7 @@ class Gram:
         products = self.matrix[of_covariates, of_covariates]
         in_range = scale * (products @ (scale * np.concatenate(starts)))
         orthonormal, _ = np.linalg.qr(in_range)
-        return np.concatenate([np.zeros((first, rank)), scale * orthonormal])
+        return np.asarray(scale * orthonormal)
 
     def without(self, part: Gram) -> Gram:
         """The products of the other records than those of ``part``, whose memory they take, with

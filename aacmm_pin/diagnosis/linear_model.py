@@ -214,7 +214,8 @@ class Base:
         if self.amplitude:
             of_background = self.gram.along_directions
             with_nuisances = of_background[:, :first]
-            inside = of_background[:, :-1] @ self.gram.directions
+            directions = self.gram.directions
+            inside = of_background[:, -1 - len(directions) : -1] @ directions
             products = np.block([[products, with_nuisances.T], [with_nuisances, inside]])
             rows = np.concatenate([rows, of_background])
         # A frame without a prior is many metres wide: the rounding of its products may be more than
@@ -486,7 +487,8 @@ class Conditional:
         first = self.base.nuisances
         coefficients[:first] = base_estimate[:first]
         if self.base.amplitude:
-            coefficients += self.base.gram.directions @ base_estimate[first:]
+            directions = self.base.gram.directions
+            coefficients[design.width - len(directions) :] += directions @ base_estimate[first:]
         return coefficients
 
     @cached_property

@@ -228,6 +228,7 @@ def dense_of(space: ModelSpace) -> Dense:
     """The same rows, explicit."""
     design = space.candidates.design
     rows = rows_of(space)
+    directions = space.gram.directions
     own = [
         rows[:, block.columns]
         @ (np.eye(block.size) if block.combinations is None else block.combinations)
@@ -239,7 +240,7 @@ def dense_of(space: ModelSpace) -> Dense:
         rows[:, -1],
         space.candidates.log_odds,
         space.stated,
-        rows[:, :-1] @ space.gram.directions,
+        rows[:, -1 - len(directions) : -1] @ directions,
         design.prior,
         positive=frozenset(k for k, block in enumerate(design.blocks) if block.positive),
     )
