@@ -534,27 +534,17 @@ def keep(kept: dict[Any, Any], key: object, value: object, most: int) -> None:
 def gains(information: Array, gradient: Array) -> tuple[Array, Array]:
     """What blocks gain in log likelihood at each width, and ``½ log det(1 + τ² S)``.
 
-    ``½ γᵀ (S + τ⁻²)⁻¹ γ`` for informations S (b, q, q) and gradients γ (b, q), by ``L Lᵀ = S +
-    τ⁻²`` with ``L⁻¹ γ`` as one row more.
+    ``½ γᵀ (S + τ⁻²)⁻¹ γ`` for informations S (b, q, q) and gradients γ (b, q), by the eigenvalues
+    of S: one decomposition serves all widths.
 
     Returns:
         Gain and half log determinant (b, widths).
     """
-    b, q = information.shape[:2]
-    eye = np.eye(q)
-    precision = np.empty((b, WIDTHS.size, q + 1, q + 1))
-    precision[:, :, :q, :q] = information[:, None] + eye / WIDTHS[:, None, None] ** 2
-    precision[:, :, q, :q] = gradient[:, None]  # of a symmetric matrix the lower triangle is read
-    precision[:, :, q, q] = np.finfo(np.float64).max
-    try:
-        factor = np.linalg.cholesky(precision)
-    except np.linalg.LinAlgError:  # rounding left an eigenvalue far below zero
-        below_zero = np.minimum(np.linalg.eigvalsh(information)[:, 0], 0.0)
-        precision[:, :, :q, :q] -= below_zero[:, None, None, None] * eye
-        factor = np.linalg.cholesky(precision)
-    diagonal = np.diagonal(factor, axis1=2, axis2=3)[:, :, :q]
-    gain = 0.5 * np.square(factor[:, :, q, :q]).sum(axis=2)
-    return gain, np.log(diagonal * WIDTHS[:, None]).sum(axis=2)
+    values, vectors = np.linalg.eigh(information)
+    values = np.maximum(values, 0.0)[:, None]  # below zero they are rounded zeros
+    squares = np.square(gradient[:, None] @ vectors)
+    gain = 0.5 * (squares / (values + WIDTHS[:, None] ** -2.0)).sum(axis=2)
+    return gain, 0.5 * np.log1p(values * WIDTHS[:, None] ** 2).sum(axis=2)
 
 
 def log_sum(logs: Array) -> Array:
