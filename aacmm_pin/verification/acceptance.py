@@ -25,8 +25,7 @@ from aacmm_pin.verification.characteristics import (
     definitions,
 )
 from aacmm_pin.verification.doubts import check_unit, doubts
-from aacmm_pin.verification.evaluators import LENGTH_KEY, Error, Evaluated
-from aacmm_pin.verification.places import PointsInFile
+from aacmm_pin.verification.evaluators import LENGTH_KEY, Error, Evaluated, PointsInFile
 
 ACCEPTANCE_SCHEMA = "aacmm-pin/acceptance/1"
 GUARD_BAND_FACTOR = 2.0

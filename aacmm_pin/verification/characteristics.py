@@ -21,18 +21,19 @@ from aacmm_pin.verification.evaluators import (
     Error,
     Evaluated,
     Needed,
+    PointsInFile,
     deviation_of_part,
     distances_from_mean,
     errors_of_lengths,
     form_of_sphere,
     groups_of,
     measured_lengths,
+    named,
     size_of_sphere,
     spread_of_centres,
     standard_deviation,
     twice_rms_of_lengths,
 )
-from aacmm_pin.verification.places import PointsInFile, named
 
 ISO = "ISO 10360-12"
 ASME = "ASME B89.4.22"

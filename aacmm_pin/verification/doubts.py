@@ -13,8 +13,13 @@ from scipy.special import stdtr
 from aacmm_pin._support.checks import Array
 from aacmm_pin._support.notes import Note
 from aacmm_pin.errors import AacmmError
-from aacmm_pin.verification.evaluators import LENGTH_KEY, measured_lengths, size_error
-from aacmm_pin.verification.places import PointsInFile, coordinates_of
+from aacmm_pin.verification.evaluators import (
+    LENGTH_KEY,
+    PointsInFile,
+    coordinates_of,
+    measured_lengths,
+    size_error,
+)
 from aacmm_pin.verification.spheres import FEWEST_POINTS, FittedSphere, fitted_sphere
 
 COPY_TOLERANCE = 5e-7
