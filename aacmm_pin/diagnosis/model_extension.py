@@ -80,15 +80,15 @@ def choose(
     them, and those of one time, joint or place, put back too. Its result is taken if it makes sense
     of them; of one or two only where there is nothing else, and then not as found.
     """
-    search = _Search(problem_of, tuple(all_covariates), folds, progress)
-    choice = search.until_set_stays(tuple(library), first)
+    rounds = _Rounds(problem_of, tuple(all_covariates), folds, progress)
+    choice = rounds.until_set_stays(tuple(library), first)
     used_or_nearer = _used_or_nearer(first) & _used_or_nearer(choice.fit)
     fewest_put_back = FEWEST_BACK if choice.causes else 1
     count_put_back = int(np.sum(used_or_nearer & ~(first.used & choice.fit.used)))
     if count_put_back >= max(fewest_put_back, A_FEW * len(used_or_nearer)):
         doubtful_before = int(_doubtful(choice, choice.fit).sum())
         fit_with_nearer = fit(problem_of([]), used=used_or_nearer)
-        choice_with_nearer = search.until_set_stays(tuple(library), fit_with_nearer, used_or_nearer)
+        choice_with_nearer = rounds.until_set_stays(tuple(library), fit_with_nearer, used_or_nearer)
         doubtful_after = int(_doubtful(choice_with_nearer, choice.fit).sum())
         doubtful_less = doubtful_before - doubtful_after
         if doubtful_less >= FEWEST_BACK:
@@ -129,7 +129,7 @@ def _ratio_to_limit(refit: Fit, deviations: Array, judge: Fit) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class _Search:
+class _Rounds:
     """What all rounds of a search have in common; see :func:`choose`."""
 
     problem_of: ProblemOf
