@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from aacmm_pin._support.notes import Note
+from aacmm_pin._support.display import Note
 
 
 def data_of(notes: Iterable[Note], code: str) -> list[Mapping[str, Any]]:

@@ -10,7 +10,7 @@ from itertools import combinations
 import numpy as np
 import pinocchio as pin
 
-from aacmm_pin._support.checks import Array
+from aacmm_pin._support.arrays import Array
 from aacmm_pin._support.units import MM
 from aacmm_pin.arm import Arm, ArmFile, Poses
 

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import betainc, betaincinv, chdtr, chdtrc, chdtri
 
-from aacmm_pin._support.checks import Array
+from aacmm_pin._support.arrays import Array
 
 
 def chi2_cdf(value: ArrayLike, dof: ArrayLike) -> Array:

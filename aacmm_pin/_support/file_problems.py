@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from aacmm_pin._support.checks import Index, Mask
+from aacmm_pin._support.arrays import Index, Mask
 from aacmm_pin.errors import MeasurementFileError
 
 MOST_PROBLEMS = 10

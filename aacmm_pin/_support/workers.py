@@ -19,7 +19,7 @@ from multiprocessing import get_context, parent_process, resource_tracker
 from multiprocessing.synchronize import Event
 from typing import TypeVar
 
-from aacmm_pin._support.checks import whole
+from aacmm_pin._support.arrays import whole
 from aacmm_pin.errors import AacmmError
 
 J = TypeVar("J")

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from aacmm_pin._support.angles import wrapped
-from aacmm_pin._support.checks import Array, Index
+from aacmm_pin._support.arrays import Array, Index, wrapped
 
 
 def preferred_theta3(point: Array) -> Array:

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from aacmm_pin._support.checks import Array, batch
+from aacmm_pin._support.arrays import Array, batch
 from aacmm_pin._support.display import Shown
 from aacmm_pin._support.units import MM, plain_mm
 from aacmm_pin.accuracy.tip_sensitivity import ErrorSources, omission

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import scipy
 
-from aacmm_pin._support.batches import chunks
-from aacmm_pin._support.checks import Array
+from aacmm_pin._support.arrays import Array, chunks
 from aacmm_pin.accuracy.tip_sensitivity import ErrorSources
 from aacmm_pin.effects import Conditions, ErrorModel, displaced, of_geometry
 

@@ -19,9 +19,8 @@ import scipy
 from numpy.typing import ArrayLike
 
 from aacmm_pin._support import plausible
-from aacmm_pin._support.checks import Array, Index, Mask, vector
-from aacmm_pin._support.display import Shown
-from aacmm_pin._support.notes import Note
+from aacmm_pin._support.arrays import Array, Index, Mask, vector
+from aacmm_pin._support.display import Note, Shown
 from aacmm_pin._support.units import MM, count
 from aacmm_pin.arm import COVERAGE_FACTOR, Arm, Parameter
 from aacmm_pin.effects import (

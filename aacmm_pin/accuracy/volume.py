@@ -14,8 +14,7 @@ from typing import TYPE_CHECKING, Any, Literal, cast, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from aacmm_pin._support.batches import chunks
-from aacmm_pin._support.checks import Array, Index, batch, whole
+from aacmm_pin._support.arrays import Array, Index, batch, chunks, whole
 from aacmm_pin._support.display import Shown, report
 from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.accuracy import zonotope

@@ -12,11 +12,8 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple, cast, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from aacmm_pin._support.angles import spread_angles
-from aacmm_pin._support.batches import chunks
-from aacmm_pin._support.checks import Array, Index, Mask, vector, whole
-from aacmm_pin._support.display import Shown, report
-from aacmm_pin._support.notes import Note
+from aacmm_pin._support.arrays import Array, Index, Mask, chunks, spread_angles, vector, whole
+from aacmm_pin._support.display import Note, Shown, report
 from aacmm_pin._support.output_files import whole_file
 from aacmm_pin._support.plausible import SMALLEST_ARM
 from aacmm_pin._support.progress import bar

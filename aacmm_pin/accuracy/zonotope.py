@@ -6,8 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from aacmm_pin._support.batches import chunks
-from aacmm_pin._support.checks import Array, Index
+from aacmm_pin._support.arrays import Array, Index, chunks
 from aacmm_pin.accuracy.zonotope_loop import VOLUME_LOOP
 
 CHUNK = 256

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from aacmm_pin._support.checks import Array
+from aacmm_pin._support.arrays import Array
 from aacmm_pin._support.compiled import Loop
 
 LARGE_VOLUME = 200_000

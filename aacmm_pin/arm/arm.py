@@ -13,7 +13,7 @@ import numpy as np
 import pinocchio as pin
 
 from aacmm_pin._support import plausible
-from aacmm_pin._support.checks import Array, batch, unit_vector
+from aacmm_pin._support.arrays import Array, batch, unit_vector
 from aacmm_pin._support.display import Shown
 from aacmm_pin._support.units import MM
 from aacmm_pin.arm import chain

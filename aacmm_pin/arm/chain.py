@@ -25,9 +25,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from aacmm_pin._support.angles import spread_angles
-from aacmm_pin._support.batches import chunks, cross
-from aacmm_pin._support.checks import Array, Index, Mask
+from aacmm_pin._support.arrays import Array, Index, Mask, chunks, cross, spread_angles
 from aacmm_pin._support.compiled import Loop
 from aacmm_pin._support.plausible import REACH_POSTURES, out_of_reach
 from aacmm_pin.arm.couplings import Drive, Mimic

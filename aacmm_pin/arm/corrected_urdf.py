@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 from lxml import etree
 
-from aacmm_pin._support.checks import Array
+from aacmm_pin._support.arrays import Array
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.urdf_check import parsed_urdf
 from aacmm_pin.errors import AacmmError, UnsupportedArmError

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from pydantic import BaseModel, ConfigDict, FiniteFloat
 
-from aacmm_pin._support.checks import Array, Index
+from aacmm_pin._support.arrays import Array, Index
 from aacmm_pin._support.plausible import MOST_RATIO
 from aacmm_pin.errors import UnsupportedArmError
 

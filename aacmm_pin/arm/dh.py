@@ -19,7 +19,7 @@ from typing import Literal
 
 import numpy as np
 
-from aacmm_pin._support.checks import Array, Mask, batch
+from aacmm_pin._support.arrays import Array, Mask, batch
 from aacmm_pin._support.display import Shown
 from aacmm_pin.arm.chain import OMEGA_X, OMEGA_Z, V_X, V_Z, Chain, axis, end, screws
 

@@ -27,7 +27,7 @@ from pydantic import (
     model_validator,
 )
 
-from aacmm_pin._support.checks import Array
+from aacmm_pin._support.arrays import Array
 from aacmm_pin._support.input_files import content_of
 from aacmm_pin._support.plausible import (
     MOST_COUPLINGS,

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from aacmm_pin._support.angles import wrapped
-from aacmm_pin._support.checks import Array, Mask
-from aacmm_pin._support.notes import Note
+from aacmm_pin._support.arrays import Array, Mask, wrapped
+from aacmm_pin._support.display import Note
 
 AT_LIMIT = 1e-9
 """Tolerance of limits [rad]."""

@@ -7,8 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from aacmm_pin._support.display import Shown
-from aacmm_pin._support.notes import Note
+from aacmm_pin._support.display import Note, Shown
 from aacmm_pin._support.plausible import WIDEST_HALF_WIDTHS
 
 Scope = Literal["arm", "session", "record"]

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pinocchio as pin
 
-from aacmm_pin._support.checks import Array
+from aacmm_pin._support.arrays import Array
 from aacmm_pin._support.plausible import MOST_JOINTS
 from aacmm_pin.arm.chain import Chain, end
 from aacmm_pin.arm.couplings import Mimic

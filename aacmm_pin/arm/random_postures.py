@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from aacmm_pin._support import plausible
-from aacmm_pin._support.angles import spread_angles
-from aacmm_pin._support.checks import Array, Mask
+from aacmm_pin._support.arrays import Array, Mask, spread_angles
 from aacmm_pin._support.units import MM
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.errors import AacmmError, UnsupportedArmError

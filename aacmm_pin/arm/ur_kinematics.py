@@ -14,7 +14,7 @@ import numpy as np
 import yaml
 from pydantic import BaseModel, Field, FiniteFloat, Json
 
-from aacmm_pin._support.checks import Array
+from aacmm_pin._support.arrays import Array
 from aacmm_pin.arm.arm import Arm
 from aacmm_pin.arm.chain import screws, skew
 from aacmm_pin.arm.corrected_urdf import from_roll_pitch_yaw, roll_pitch_yaw

@@ -11,8 +11,8 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
 
-from aacmm_pin._support.checks import Index
-from aacmm_pin._support.notes import Note
+from aacmm_pin._support.arrays import Index
+from aacmm_pin._support.display import Note
 from aacmm_pin._support.progress import Progress
 from aacmm_pin._support.threads import one_blas_thread
 from aacmm_pin._support.units import MM

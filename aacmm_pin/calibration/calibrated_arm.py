@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from scipy.linalg import block_diag
 
-from aacmm_pin._support.checks import Array
-from aacmm_pin._support.notes import Note
+from aacmm_pin._support.arrays import Array
+from aacmm_pin._support.display import Note
 from aacmm_pin._support.units import MM
 from aacmm_pin.arm import Arm, ArmFile, Covariance
 from aacmm_pin.calibration.fit import NO_SCATTER, Fit

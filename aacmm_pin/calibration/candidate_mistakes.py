@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from aacmm_pin._support.checks import Array, Index
-from aacmm_pin._support.notes import Note
+from aacmm_pin._support.arrays import Array, Index
+from aacmm_pin._support.display import Note
 from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.arm import Arm, ArmFile
 from aacmm_pin.calibration.calibrated_arm import moved_arm

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from aacmm_pin._support.checks import Array
+from aacmm_pin._support.arrays import Array
 from aacmm_pin.calibration.cross_validation import rms
 from aacmm_pin.measurements import Measurements
 

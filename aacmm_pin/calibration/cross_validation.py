@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 import scipy
 
-from aacmm_pin._support.checks import Array, Index, Mask
+from aacmm_pin._support.arrays import Array, Index, Mask
 from aacmm_pin._support.display import Shown
 from aacmm_pin._support.plain_values import of_models
 from aacmm_pin._support.progress import Progress, watched

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
-from aacmm_pin._support.checks import Array, Mask
+from aacmm_pin._support.arrays import Array, Mask
 from aacmm_pin._support.distributions import chi2_isf, f_isf
 from aacmm_pin.calibration.fit import LEAST_DOF, MEDIAN, Chi2, Fit
 from aacmm_pin.calibration.linearisation import Point

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import orth
 
-from aacmm_pin._support.checks import Array, Mask
+from aacmm_pin._support.arrays import Array, Mask
 from aacmm_pin._support.distributions import chi2_isf, chi2_sf
 from aacmm_pin._support.units import MM, UM
 from aacmm_pin.calibration.identifiability import Undetermined

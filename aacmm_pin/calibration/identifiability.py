@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from aacmm_pin._support.checks import Array
+from aacmm_pin._support.arrays import Array
 from aacmm_pin._support.display import Shown
 from aacmm_pin.arm import rigid_motions, spread_postures
 from aacmm_pin.calibration.linearisation import Point

@@ -15,8 +15,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from aacmm_pin._support.checks import Array, Index
-from aacmm_pin._support.notes import Note
+from aacmm_pin._support.arrays import Array, Index
+from aacmm_pin._support.display import Note
 from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.calibration.candidate_mistakes import (
     LEAST_DIVISOR,

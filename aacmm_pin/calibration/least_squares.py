@@ -36,7 +36,7 @@ import scipy
 from scipy.linalg import null_space
 from scipy.linalg.blas import dtrsm
 
-from aacmm_pin._support.checks import Array
+from aacmm_pin._support.arrays import Array
 
 LEAST_INFORMATION = 0.1
 """A direction with less information, in one over its width, is unknown."""

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.linalg import solve_triangular
 from scipy.sparse import csr_array
 
-from aacmm_pin._support.checks import Array, Index
+from aacmm_pin._support.arrays import Array, Index
 from aacmm_pin.calibration.least_squares import LinearModel, Prior
 from aacmm_pin.calibration.noise_model import NoiseModel
 from aacmm_pin.calibration.problem import Frame, Prediction

@@ -12,8 +12,8 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from aacmm_pin._support.checks import Array, Index
-from aacmm_pin._support.notes import Note
+from aacmm_pin._support.arrays import Array, Index
+from aacmm_pin._support.display import Note
 from aacmm_pin.calibration.problem import Frame, Problem
 from aacmm_pin.calibration.setup import Setup
 from aacmm_pin.measurements import (

@@ -9,8 +9,7 @@ from itertools import accumulate, pairwise
 
 import numpy as np
 
-from aacmm_pin._support.batches import cross
-from aacmm_pin._support.checks import Array, Index, Mask
+from aacmm_pin._support.arrays import Array, Index, Mask, cross
 from aacmm_pin.arm import Arm, Parameter
 from aacmm_pin.effects import (
     Displacement,

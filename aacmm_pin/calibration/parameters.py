@@ -9,7 +9,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from aacmm_pin._support.checks import Array, Mask
+from aacmm_pin._support.arrays import Array, Mask
 from aacmm_pin.arm import Arm, Covariance
 from aacmm_pin.calibration.parameter_vector import (
     ParameterVector,

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from scipy.linalg import block_diag
 
-from aacmm_pin._support.checks import Array, Index, Mask
+from aacmm_pin._support.arrays import Array, Index, Mask
 from aacmm_pin.arm import exp, skew
 from aacmm_pin.calibration.least_squares import Prior
 from aacmm_pin.calibration.parameter_vector import Columns, ParameterVector

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 import pandas as pd
 
-from aacmm_pin._support.checks import Array, Index
+from aacmm_pin._support.arrays import Array, Index
 from aacmm_pin._support.display import Shown
 from aacmm_pin._support.distributions import f_sf
 from aacmm_pin._support.units import count

@@ -10,10 +10,9 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 import pandas as pd
 
-from aacmm_pin._support.checks import Array
-from aacmm_pin._support.display import Shown, report
+from aacmm_pin._support.arrays import Array
+from aacmm_pin._support.display import Note, Shown, notes_in_json, report
 from aacmm_pin._support.distributions import chi2_sf
-from aacmm_pin._support.notes import Note, notes_in_json
 from aacmm_pin._support.plain_values import of_models, plain
 from aacmm_pin._support.units import MM
 from aacmm_pin.arm import COVERAGE_FACTOR

@@ -10,9 +10,9 @@ from dataclasses import replace
 import numpy as np
 import scipy
 
-from aacmm_pin._support.checks import Array, Mask
+from aacmm_pin._support.arrays import Array, Mask
+from aacmm_pin._support.display import Note
 from aacmm_pin._support.distributions import chi2_sf
-from aacmm_pin._support.notes import Note
 from aacmm_pin.calibration.fit import Fit
 from aacmm_pin.calibration.noise_model import observations_of
 from aacmm_pin.calibration.parameters import problem_of

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from aacmm_pin._support import plausible
-from aacmm_pin._support.checks import Array, vector
-from aacmm_pin._support.notes import Note
+from aacmm_pin._support.arrays import Array, vector
+from aacmm_pin._support.display import Note
 from aacmm_pin.arm import Arm
 from aacmm_pin.effects import ErrorModel, GivenModel, known_range_in_words
 from aacmm_pin.errors import AacmmError, UnknownNameError

@@ -10,8 +10,8 @@ import numpy as np
 import pandas as pd
 from scipy.special import betaln
 
-from aacmm_pin._support.checks import Array, Index, Mask
-from aacmm_pin._support.notes import Note
+from aacmm_pin._support.arrays import Array, Index, Mask
+from aacmm_pin._support.display import Note
 from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.arm import Arm
 from aacmm_pin.calibration.fit import FEWEST_TOGETHER, Fit

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
-from aacmm_pin._support.checks import Array
+from aacmm_pin._support.arrays import Array
 from aacmm_pin.arm import exp, skew
 from aacmm_pin.calibration.fit import MEDIAN, Fit
 from aacmm_pin.calibration.least_squares import bounded_step

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from aacmm_pin._support.checks import Array, Index
+from aacmm_pin._support.arrays import Array, Index
 from aacmm_pin.arm import Parameter
 from aacmm_pin.calibration.calibrated_arm import moved_arm
 from aacmm_pin.calibration.candidate_mistakes import BY_RECORDS, Mistake

@@ -14,10 +14,10 @@ from aacmm_pin._support.plausible import BAR_LENGTH, MPE
 from aacmm_pin._support.units import MM, number
 from aacmm_pin.arm import MOST_BYTES, toml_of
 from aacmm_pin.cli.arm_options import UrdfArm
-from aacmm_pin.cli.command import command
 from aacmm_pin.cli.common import (
     PlotAndJson,
     Results,
+    command,
     length_option,
     note,
     output_option,

@@ -18,12 +18,12 @@ from aacmm_pin.accuracy import (
     usable_postures,
 )
 from aacmm_pin.cli.arm_options import EncoderNoise, UncertainArm, restrict_to_known_range
-from aacmm_pin.cli.command import command
 from aacmm_pin.cli.common import (
     PlotAndJson,
     Results,
     Sectors,
     Seed,
+    command,
     length_option,
     note,
     output_option,

@@ -9,7 +9,7 @@ import numpy as np
 import typer
 
 from aacmm_pin._support import plausible
-from aacmm_pin._support.notes import Note
+from aacmm_pin._support.display import Note
 from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.arm import EXAMPLE_ROBOTS, Arm, bundled_arms, wide_half_width_notes
 from aacmm_pin.cli.common import (

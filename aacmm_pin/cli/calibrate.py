@@ -12,13 +12,13 @@ import typer
 from aacmm_pin._support.text_escaping import csv_text
 from aacmm_pin.calibration import calibrate
 from aacmm_pin.cli.arm_options import ArmAndData
-from aacmm_pin.cli.command import command
 from aacmm_pin.cli.common import (
     EffectTexts,
     PlotAndJson,
     Results,
     Seed,
     arm_file_option,
+    command,
     note,
     output_option,
     page_option,

@@ -9,8 +9,7 @@ from typing import Annotated
 import pandas as pd
 import typer
 
-from aacmm_pin.cli.command import command
-from aacmm_pin.cli.common import say
+from aacmm_pin.cli.common import command, say
 from aacmm_pin.effects import (
     CAUSES,
     CONDITION_COLUMNS,

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from aacmm_pin.cli.arm_options import ArmAndData
-from aacmm_pin.cli.command import command
-from aacmm_pin.cli.common import JsonFile, Results
+from aacmm_pin.cli.common import JsonFile, Results, command
 from aacmm_pin.cli.measuring_options import MeasuredHow
 from aacmm_pin.diagnosis import check_measurements
 from aacmm_pin.report import check_document, check_summary

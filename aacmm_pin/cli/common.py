@@ -1,17 +1,19 @@
-"""What subcommands share: types of arguments, and output."""
+"""What subcommands share: their decorator, types of arguments, and output."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+import inspect
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import nullcontext
+from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Protocol, Self
+from typing import TYPE_CHECKING, Annotated, Any, Protocol, Self, get_type_hints
 
 import typer
 
 from aacmm_pin._support.input_files import outputs_refused
 from aacmm_pin._support.output_files import OutputFiles, json_text
-from aacmm_pin._support.text_escaping import encodable
+from aacmm_pin._support.text_escaping import encodable, without_notes
 from aacmm_pin._support.text_escaping import note as note
 from aacmm_pin._support.text_escaping import say as say
 from aacmm_pin._support.text_escaping import status as status
@@ -23,6 +25,7 @@ if TYPE_CHECKING:
     from aacmm_pin._support.plausible import Range
     from aacmm_pin.effects import ErrorModel
     from aacmm_pin.report import Document
+
 
 PLOT_SUFFIXES = (".png", ".svg", ".pdf")
 
@@ -243,3 +246,47 @@ class Results(OutputFiles):
         from aacmm_pin.report import terminal  # the list of commands needs none
 
         terminal.show(document, self.json_on_stdout)
+
+
+Quiet = Annotated[
+    bool,
+    typer.Option("--quiet", "-q", help="Show results, warnings and errors only."),
+]
+
+
+def command(*examples: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Decorate the function of a subcommand; a parameter that is a dataclass stands for its
+    fields.
+    """
+
+    def with_options(function: Callable[..., None]) -> Callable[..., None]:
+        types = get_type_hints(function)
+        groups: dict[str, Any] = {key: kind for key, kind in types.items() if is_dataclass(kind)}
+
+        def run(quiet: bool, **typed: Any) -> None:
+            for key, kind in groups.items():
+                values = {field.name: typed.pop(field.name) for field in fields(kind)}
+                typed[key] = kind(**values)
+            with without_notes() if quiet else nullcontext():
+                function(**typed)
+
+        options = [*_options(function)]
+        quiet = inspect.Parameter(
+            "quiet", inspect.Parameter.KEYWORD_ONLY, default=False, annotation=Quiet
+        )
+        run.__signature__ = inspect.Signature([*options, quiet])  # type: ignore[attr-defined]
+        run.__doc__ = function.__doc__
+        run.examples = examples  # type: ignore[attr-defined]
+        return run
+
+    return with_options
+
+
+def _options(function: Callable[..., Any]) -> Iterator[inspect.Parameter]:
+    """Parameters, where fields replace those that are dataclasses."""
+    types = get_type_hints(function, include_extras=True)
+    for name, parameter in inspect.signature(function).parameters.items():
+        if is_dataclass(types[name]):
+            yield from _options(types[name])
+        else:
+            yield parameter.replace(annotation=types[name], kind=parameter.KEYWORD_ONLY)

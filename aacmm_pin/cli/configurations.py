@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from aacmm_pin._support.text_escaping import csv_text
 from aacmm_pin.cli.arm_options import AnyArm
-from aacmm_pin.cli.command import command
-from aacmm_pin.cli.common import CsvOutput, Replacing, Results, status
+from aacmm_pin.cli.common import CsvOutput, Replacing, Results, command, status
 from aacmm_pin.cli.pose_options import Orientation, Point, note_wrist
 
 

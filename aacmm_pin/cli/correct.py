@@ -10,15 +10,14 @@ import numpy as np
 import pandas as pd
 import typer
 
-from aacmm_pin._support.checks import Array, Index, Mask
+from aacmm_pin._support.arrays import Array, Index, Mask
 from aacmm_pin._support.file_problems import rows_in_words
 from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.accuracy import AccuracyVolume, accuracy_volume, expanded
 from aacmm_pin.arm import Arm, outside_limits
 from aacmm_pin.calibration import compare, rms
 from aacmm_pin.cli.arm_options import ArmAndData, EncoderNoise
-from aacmm_pin.cli.command import command
-from aacmm_pin.cli.common import CsvOutput, Replacing, Results, note, status, warn
+from aacmm_pin.cli.common import CsvOutput, Replacing, Results, command, note, status, warn
 from aacmm_pin.effects import Conditions, ErrorModel, State, joint_commands, known_range_in_words
 from aacmm_pin.errors import AacmmError, MeasurementFileError, UnknownNameError
 from aacmm_pin.measurements import (

@@ -7,8 +7,7 @@ from typing import Annotated
 
 import typer
 
-from aacmm_pin.cli.command import command
-from aacmm_pin.cli.common import Force, say
+from aacmm_pin.cli.common import Force, command, say
 
 
 @command(

@@ -10,12 +10,12 @@ import numpy as np
 import typer
 
 from aacmm_pin.cli.arm_options import ArmAndData
-from aacmm_pin.cli.command import command
 from aacmm_pin.cli.common import (
     JsonFile,
     Results,
     Seed,
     arm_file_option,
+    command,
     page_option,
     warn,
 )

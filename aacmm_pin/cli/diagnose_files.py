@@ -10,8 +10,7 @@ import typer
 from aacmm_pin._support.text_escaping import csv_text
 from aacmm_pin.arm import EXAMPLE_ROBOTS
 from aacmm_pin.cli.arm_options import AnyArm, ApproachFromOrder, UrdfArm
-from aacmm_pin.cli.command import command
-from aacmm_pin.cli.common import JsonFile, Results, Seed, WorkerCount, output_option
+from aacmm_pin.cli.common import JsonFile, Results, Seed, WorkerCount, command, output_option
 from aacmm_pin.cli.measuring_options import MeasuredHow, NoCrossValidation
 from aacmm_pin.diagnosis import diagnose_files
 from aacmm_pin.effects import GivenModel

@@ -9,13 +9,13 @@ import typer
 from aacmm_pin._support.plausible import COORDINATE
 from aacmm_pin.accuracy import Quantity, map_caveats, map_workspace
 from aacmm_pin.cli.arm_options import AnyArm, restrict_to_known_range
-from aacmm_pin.cli.command import command
 from aacmm_pin.cli.common import (
     Output,
     PlotAndJson,
     Results,
     Sectors,
     WorkerCount,
+    command,
     length_option,
     note,
 )

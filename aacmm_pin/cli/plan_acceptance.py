@@ -10,8 +10,7 @@ import numpy as np
 from aacmm_pin._support.plausible import BAR_LENGTH, DIAMETER, PROBE_DIAMETER
 from aacmm_pin.cli.accept import Standard
 from aacmm_pin.cli.arm_options import UncertainArm, restrict_to_known_range
-from aacmm_pin.cli.command import command
-from aacmm_pin.cli.common import CsvOutput, Replacing, Results, Seed, length_option, say
+from aacmm_pin.cli.common import CsvOutput, Replacing, Results, Seed, command, length_option, say
 from aacmm_pin.cli.plan_records import Sheet, TableHeight, note_lowest_tip
 from aacmm_pin.report import procedure_document
 from aacmm_pin.verification import PROBE_DIAMETER_MM, SPHERE_DIAMETER_MM, acceptance_procedure

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from aacmm_pin.cli.arm_options import UncertainArm
-from aacmm_pin.cli.command import command
+from aacmm_pin.cli.common import command
 from aacmm_pin.cli.measuring_options import MeasuredHow
 from aacmm_pin.cli.plan_records import PlannedRecords, plan_records
 from aacmm_pin.planning import plan_calibration

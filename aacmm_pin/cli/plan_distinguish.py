@@ -9,8 +9,7 @@ from typing import Annotated
 import typer
 
 from aacmm_pin.cli.arm_options import UncertainArm
-from aacmm_pin.cli.command import command
-from aacmm_pin.cli.common import arm_file_option, note, say
+from aacmm_pin.cli.common import arm_file_option, command, note, say
 from aacmm_pin.cli.measuring_options import MeasuredHow
 from aacmm_pin.cli.plan_records import PlannedRecords, plan_records
 from aacmm_pin.measurements import REFERENCE

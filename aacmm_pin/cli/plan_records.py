@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 import typer
 
-from aacmm_pin._support.checks import Array
+from aacmm_pin._support.arrays import Array
 from aacmm_pin._support.plausible import COORDINATE
 from aacmm_pin._support.text_escaping import csv_text
 from aacmm_pin._support.units import MM

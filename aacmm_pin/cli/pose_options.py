@@ -8,7 +8,7 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from aacmm_pin._support.checks import Array, vector
+from aacmm_pin._support.arrays import Array, vector
 from aacmm_pin._support.plausible import COORDINATE
 from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.arm import Arm

@@ -11,14 +11,22 @@ from typing import Annotated, Literal
 import numpy as np
 import typer
 
-from aacmm_pin._support.checks import Array
+from aacmm_pin._support.arrays import Array
 from aacmm_pin._support.plausible import COORDINATE
 from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.accuracy import circle_accuracy
 from aacmm_pin.arm import Arm
 from aacmm_pin.cli.arm_options import EncoderNoise, UncertainArm, restrict_to_known_range
-from aacmm_pin.cli.command import command
-from aacmm_pin.cli.common import Output, Replacing, Results, length_option, note, say, status
+from aacmm_pin.cli.common import (
+    Output,
+    Replacing,
+    Results,
+    command,
+    length_option,
+    note,
+    say,
+    status,
+)
 from aacmm_pin.cli.pose_options import Orientation, Triple, note_wrist
 from aacmm_pin.errors import AacmmError
 

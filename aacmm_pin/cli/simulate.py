@@ -13,7 +13,6 @@ from aacmm_pin._support.text_escaping import csv_text
 from aacmm_pin._support.units import MM, UM
 from aacmm_pin.calibration.random_arm import perturbed_model
 from aacmm_pin.cli.arm_options import ContactNoise, UncertainArm, restrict_to_known_range
-from aacmm_pin.cli.command import command
 from aacmm_pin.cli.common import (
     CsvOutput,
     EffectTexts,
@@ -22,6 +21,7 @@ from aacmm_pin.cli.common import (
     Seed,
     angle_option,
     arm_file_option,
+    command,
     length_option,
     note,
     status,

@@ -25,8 +25,7 @@ from aacmm_pin.arm import (
 from aacmm_pin.arm.corrected_urdf import corrected_urdf
 from aacmm_pin.calibration import ASSEMBLED, UNCHANGED, is_of_setup, rms
 from aacmm_pin.cli.arm_options import AnyArm
-from aacmm_pin.cli.command import command
-from aacmm_pin.cli.common import Output, Replacing, Results, note, warn
+from aacmm_pin.cli.common import Output, Replacing, Results, command, note, warn
 from aacmm_pin.effects import Effect, ErrorModel, StylusOffset
 from aacmm_pin.errors import MissingConditionError, UnsupportedArmError
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from aacmm_pin._support.checks import Array
+from aacmm_pin._support.arrays import Array
 from aacmm_pin._support.display import Shown
 from aacmm_pin.calibration import Fit, geometric_parameters, rms, rms_residual
 from aacmm_pin.diagnosis.choice import Choice

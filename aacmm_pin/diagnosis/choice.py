@@ -9,7 +9,7 @@ from itertools import filterfalse
 
 import numpy as np
 
-from aacmm_pin._support.checks import Array, Index, Mask
+from aacmm_pin._support.arrays import Array, Index, Mask
 from aacmm_pin.calibration import Fit, HeldEffects
 from aacmm_pin.diagnosis.candidates import Variants
 from aacmm_pin.diagnosis.covariates import Carried, Covariate

@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 import scipy
 
-from aacmm_pin._support.checks import Array
+from aacmm_pin._support.arrays import Array
 from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.arm import Arm
 from aacmm_pin.calibration.shared_exclusions import MOST_LABELS, as_numbers

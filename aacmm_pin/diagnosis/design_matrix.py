@@ -14,7 +14,7 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
-from aacmm_pin._support.checks import Array, Index, Mask
+from aacmm_pin._support.arrays import Array, Index, Mask
 from aacmm_pin.calibration import Fit, HeldEffects, information_of_seats
 from aacmm_pin.calibration.parameter_vector import Columns
 from aacmm_pin.diagnosis.candidates import Variants, is_change

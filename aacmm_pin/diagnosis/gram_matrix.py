@@ -15,7 +15,7 @@ from functools import cached_property
 import numpy as np
 from scipy.linalg.blas import dsyrk
 
-from aacmm_pin._support.checks import Array, Mask
+from aacmm_pin._support.arrays import Array, Mask
 from aacmm_pin.calibration import SeatElimination
 from aacmm_pin.diagnosis.design_matrix import Design, Family
 from aacmm_pin.diagnosis.record_noise import RecordNoise

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
-from aacmm_pin._support.checks import Array, Index
+from aacmm_pin._support.arrays import Array, Index
 from aacmm_pin._support.display import Shown
 from aacmm_pin._support.progress import Progress, watched
 from aacmm_pin.calibration import Fit, rms

@@ -19,7 +19,7 @@ import numpy as np
 import scipy
 from scipy.special import gammaln, log_ndtr
 
-from aacmm_pin._support.checks import Array, Index, Mask
+from aacmm_pin._support.arrays import Array, Index, Mask
 from aacmm_pin.calibration import inverse_of_factor, lower_factor, solve_lower
 from aacmm_pin.diagnosis.design_matrix import Design, Family
 from aacmm_pin.diagnosis.gram_matrix import Gram

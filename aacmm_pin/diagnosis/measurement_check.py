@@ -8,9 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from aacmm_pin._support.checks import Mask
-from aacmm_pin._support.display import Shown
-from aacmm_pin._support.notes import Note
+from aacmm_pin._support.arrays import Mask
+from aacmm_pin._support.display import Note, Shown
 from aacmm_pin.arm import Arm, outside_limits
 from aacmm_pin.calibration import (
     ReferenceFrame,

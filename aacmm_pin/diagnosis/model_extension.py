@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from aacmm_pin._support.checks import Array, Index, Mask
+from aacmm_pin._support.arrays import Array, Index, Mask
 from aacmm_pin._support.distributions import chi2_isf
 from aacmm_pin._support.progress import bar
 from aacmm_pin.arm import COVERAGE_FACTOR

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from aacmm_pin._support.checks import Array, Index, Mask
+from aacmm_pin._support.arrays import Array, Index, Mask
 from aacmm_pin.diagnosis.candidates import Variants, is_change
 from aacmm_pin.diagnosis.design_matrix import Block, Design, Family
 from aacmm_pin.diagnosis.gram_matrix import Gram

@@ -10,7 +10,7 @@ import numpy as np
 import scipy
 from scipy.special import logsumexp
 
-from aacmm_pin._support.checks import Array
+from aacmm_pin._support.arrays import Array
 from aacmm_pin.calibration import Fit
 from aacmm_pin.diagnosis.candidates import Variants, is_change
 from aacmm_pin.diagnosis.choice import Choice, noise_is_known

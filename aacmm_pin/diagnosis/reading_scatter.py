@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from aacmm_pin._support.checks import Array, Mask
+from aacmm_pin._support.arrays import Array, Mask
 from aacmm_pin.calibration import Fit, rms
 from aacmm_pin.calibration.estimation import LEAST_SCATTER
 from aacmm_pin.diagnosis.record_noise import RecordNoise, reading_units

@@ -10,7 +10,7 @@ import numpy as np
 import scipy
 from scipy.sparse import csr_array
 
-from aacmm_pin._support.checks import Array, Index, Mask
+from aacmm_pin._support.arrays import Array, Index, Mask
 from aacmm_pin._support.distributions import chi2_sf
 from aacmm_pin.calibration import Correlation, Fit
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS

@@ -11,10 +11,9 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 import pandas as pd
 
-from aacmm_pin._support.checks import Array
-from aacmm_pin._support.display import Shown, report
+from aacmm_pin._support.arrays import Array
+from aacmm_pin._support.display import Note, Shown, report
 from aacmm_pin._support.distributions import chi2_cdf
-from aacmm_pin._support.notes import Note
 from aacmm_pin._support.units import MM
 from aacmm_pin.arm import COVERAGE_FACTOR
 from aacmm_pin.calibration import Fit, geometric_parameters, rms, rms_residual

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Iterator
 
 import numpy as np
 
-from aacmm_pin._support.checks import Array
+from aacmm_pin._support.arrays import Array
 from aacmm_pin.diagnosis.model_space import FIRST_WIDTH, Blocks, ModelSpace, ModelState
 from aacmm_pin.diagnosis.posterior import Posterior, inclusion, weights_of
 from aacmm_pin.diagnosis.thresholds import THRESHOLDS

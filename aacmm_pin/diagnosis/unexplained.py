@@ -10,10 +10,9 @@ import numpy as np
 import pandas as pd
 from scipy.special import ndtri
 
-from aacmm_pin._support.checks import Array, Mask
-from aacmm_pin._support.display import Shown, report, two_digits
+from aacmm_pin._support.arrays import Array, Mask
+from aacmm_pin._support.display import Note, Shown, report, two_digits
 from aacmm_pin._support.distributions import chi2_sf, f_sf
-from aacmm_pin._support.notes import Note
 from aacmm_pin.calibration import Fit
 from aacmm_pin.calibration.shared_exclusions import Shared, shared_by
 from aacmm_pin.diagnosis.choice import Choice, noise_is_known

@@ -11,7 +11,7 @@ from typing import Any, Literal, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from aacmm_pin._support.checks import (
+from aacmm_pin._support.arrays import (
     RANGES,
     Array,
     Index,
@@ -21,8 +21,7 @@ from aacmm_pin._support.checks import (
     vector,
     width_of,
 )
-from aacmm_pin._support.display import Shown
-from aacmm_pin._support.notes import Note
+from aacmm_pin._support.display import Note, Shown
 from aacmm_pin._support.plausible import Range
 from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.errors import MissingConditionError, ShapeError

@@ -15,9 +15,8 @@ from typing import Any, ClassVar, Generic, NamedTuple, Self, TypeVar
 
 import numpy as np
 
-from aacmm_pin._support.checks import Array
-from aacmm_pin._support.display import Shown
-from aacmm_pin._support.notes import Note
+from aacmm_pin._support.arrays import Array
+from aacmm_pin._support.display import Note, Shown
 from aacmm_pin._support.plausible import LATEST, MOST_ROWS
 from aacmm_pin._support.units import MM, prefixed
 from aacmm_pin.arm import Arm, Parameter, end

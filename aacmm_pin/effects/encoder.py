@@ -18,7 +18,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 import scipy
 
-from aacmm_pin._support.checks import Array
+from aacmm_pin._support.arrays import Array
 from aacmm_pin._support.plausible import LARGEST_ANGLE
 from aacmm_pin._support.units import DEG
 from aacmm_pin.arm import Arm

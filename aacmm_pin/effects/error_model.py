@@ -10,9 +10,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from aacmm_pin._support.checks import Array, Mask, batch
-from aacmm_pin._support.display import Shown
-from aacmm_pin._support.notes import Note
+from aacmm_pin._support.arrays import Array, Mask, batch
+from aacmm_pin._support.display import Note, Shown
 from aacmm_pin.arm import (
     AT_LIMIT,
     Arm,

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-from aacmm_pin._support.checks import Array, Mask, batch
+from aacmm_pin._support.arrays import Array, Mask, batch
 from aacmm_pin.arm import OF_A_POSE
 from aacmm_pin.effects.conditions import Conditions
 from aacmm_pin.effects.environment import StylusOffset

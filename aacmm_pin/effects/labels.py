@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from aacmm_pin._support.checks import Array
+from aacmm_pin._support.arrays import Array
 from aacmm_pin._support.units import DEG, LARGE_IN_MICRO, MM
 from aacmm_pin.arm import COVERAGE_FACTOR, Arm, axis
 from aacmm_pin.effects.effect import Effect, Reading

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
 
-from aacmm_pin._support.checks import Array
-from aacmm_pin._support.notes import Note
+from aacmm_pin._support.arrays import Array
+from aacmm_pin._support.display import Note
 from aacmm_pin._support.plausible import expected_words
 from aacmm_pin._support.units import MM
 from aacmm_pin.arm import BASE, DiscrepancyEntry, DiscrepancyPart, axis

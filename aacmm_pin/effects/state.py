@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from aacmm_pin._support.checks import Array, Index
+from aacmm_pin._support.arrays import Array, Index
 from aacmm_pin.arm import Arm, axis, end
 from aacmm_pin.effects.conditions import Conditions
 from aacmm_pin.errors import AacmmError, UnsupportedArmError

@@ -8,8 +8,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from aacmm_pin._support.checks import Array, Mask
-from aacmm_pin._support.notes import Note
+from aacmm_pin._support.arrays import Array, Mask
+from aacmm_pin._support.display import Note
 from aacmm_pin._support.plausible import LATEST
 from aacmm_pin.arm import Parameter
 from aacmm_pin.effects.conditions import Conditions, Records

@@ -16,10 +16,10 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
-from aacmm_pin._support.checks import Index
+from aacmm_pin._support.arrays import Index
+from aacmm_pin._support.display import Note
 from aacmm_pin._support.file_problems import Problems, shortened
 from aacmm_pin._support.input_files import content_of
-from aacmm_pin._support.notes import Note
 from aacmm_pin._support.text_escaping import csv_text, csv_unquoted
 from aacmm_pin.errors import MeasurementFileError
 from aacmm_pin.measurements.csv_columns import (

@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from aacmm_pin._support.checks import MOST_LENGTH_ERROR, Array, is_no_unit
+from aacmm_pin._support.arrays import MOST_LENGTH_ERROR, Array, is_no_unit
 from aacmm_pin._support.file_problems import Problems
 from aacmm_pin._support.plausible import Range
 from aacmm_pin.measurements.csv_columns import (

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from aacmm_pin._support import plausible
-from aacmm_pin._support.checks import Array, vector
+from aacmm_pin._support.arrays import Array, vector
 
 ENCODER = 8e-6
 """Default u of a reading [rad]: a good optical encoder, 1.6″."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import scipy
 
-from aacmm_pin._support.checks import Array
+from aacmm_pin._support.arrays import Array
 from aacmm_pin.arm import skew
 from aacmm_pin.measurements.csv_columns import ORIENTATION, ROTATION_ORDERS, ROTATION_VECTOR
 

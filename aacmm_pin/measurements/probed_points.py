@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
+from aacmm_pin._support.display import Note
 from aacmm_pin._support.file_problems import Problems
-from aacmm_pin._support.notes import Note
 from aacmm_pin._support.units import MM
 from aacmm_pin.measurements.csv_columns import (
     ACCEPTANCE_FILE,

@@ -17,10 +17,9 @@ import pandas as pd
 from numpy.typing import ArrayLike
 
 from aacmm_pin._support import plausible
-from aacmm_pin._support.checks import Array, Index, Mask, batch, width_of
-from aacmm_pin._support.display import Shown
+from aacmm_pin._support.arrays import Array, Index, Mask, batch, width_of
+from aacmm_pin._support.display import Note, Shown
 from aacmm_pin._support.file_problems import Problems
-from aacmm_pin._support.notes import Note
 from aacmm_pin._support.text_escaping import csv_text
 from aacmm_pin._support.units import DEG, count
 from aacmm_pin.arm import Arm

@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from aacmm_pin._support.checks import Array
+from aacmm_pin._support.arrays import Array
 from aacmm_pin._support.file_problems import Problems, first_few
 from aacmm_pin.measurements.csv_columns import (
     DIAMETERS,

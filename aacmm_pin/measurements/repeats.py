@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 import scipy
 
-from aacmm_pin._support.checks import Array, Index
+from aacmm_pin._support.arrays import Array, Index
 from aacmm_pin._support.units import DEG
 from aacmm_pin.measurements.csv_columns import APPROACH, ORIENTATION, REFERENCE, THETA, named
 

@@ -10,7 +10,7 @@ import scipy
 from numpy.typing import ArrayLike
 
 from aacmm_pin._support import plausible
-from aacmm_pin._support.checks import Array, Index, whole
+from aacmm_pin._support.arrays import Array, Index, whole
 from aacmm_pin._support.units import MM
 from aacmm_pin.arm import MOST_DRAWS, Arm, Room, exp, joint_bounds
 from aacmm_pin.effects import Conditions, ErrorModel, GivenModel, Labels, corrects_seat

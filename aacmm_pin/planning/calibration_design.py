@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from aacmm_pin._support.checks import Array
+from aacmm_pin._support.arrays import Array
 from aacmm_pin._support.display import report
 from aacmm_pin._support.progress import Progress, watched
 from aacmm_pin._support.units import MM, UM

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from aacmm_pin._support.checks import Array
+from aacmm_pin._support.arrays import Array
 from aacmm_pin.calibration import (
     Frame,
     NoiseModel,

@@ -8,8 +8,8 @@ from itertools import compress
 import numpy as np
 import pandas as pd
 
-from aacmm_pin._support.checks import Array
-from aacmm_pin._support.notes import Note
+from aacmm_pin._support.arrays import Array
+from aacmm_pin._support.display import Note
 from aacmm_pin.effects import Effect, typical_magnitude_in_words
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.measurements import Measurements

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from aacmm_pin._support.notes import Note
+from aacmm_pin._support.display import Note
 from aacmm_pin._support.units import MM
 from aacmm_pin.arm import Arm, ArmFile, axis, end
 from aacmm_pin.effects import Effect, ErrorModel, TimeConstant

@@ -9,9 +9,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from aacmm_pin._support.checks import Array
-from aacmm_pin._support.display import Shown, report
-from aacmm_pin._support.notes import Note, notes_in_json
+from aacmm_pin._support.arrays import Array
+from aacmm_pin._support.display import Note, Shown, notes_in_json, report
 from aacmm_pin._support.output_files import whole_file
 from aacmm_pin._support.text_escaping import csv_text
 from aacmm_pin._support.units import MM

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 
-from aacmm_pin._support.checks import Array
+from aacmm_pin._support.arrays import Array
 from aacmm_pin.planning.separability import Pair, Separation
 
 OTHER_DISTANCE_WEIGHT = 1e-3

@@ -8,8 +8,8 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from aacmm_pin._support.checks import whole
-from aacmm_pin._support.notes import Note
+from aacmm_pin._support.arrays import whole
+from aacmm_pin._support.display import Note
 from aacmm_pin._support.progress import Progress, watched
 from aacmm_pin.calibration import ReferenceFrame, Setup, Target
 from aacmm_pin.effects import Effect, ErrorModel, GivenCause, GivenModel, as_causes

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
-from aacmm_pin._support.checks import Array, Mask
+from aacmm_pin._support.arrays import Array, Mask
 from aacmm_pin._support.display import Shown
 from aacmm_pin.effects import Effect
 

@@ -12,9 +12,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from aacmm_pin._support.checks import Array, Mask, unit_vector, vector, whole
-from aacmm_pin._support.display import report
-from aacmm_pin._support.notes import Note
+from aacmm_pin._support.arrays import Array, Mask, unit_vector, vector, whole
+from aacmm_pin._support.display import Note, report
 from aacmm_pin._support.plausible import COORDINATE
 from aacmm_pin.arm import Arm, GivenArm, as_arm, into_limits, outside_limits
 from aacmm_pin.arm import axis as axis_place

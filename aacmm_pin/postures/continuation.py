@@ -18,7 +18,7 @@ import math
 
 import numpy as np
 
-from aacmm_pin._support.checks import Array, Index, Mask
+from aacmm_pin._support.arrays import Array, Index, Mask
 from aacmm_pin._support.compiled import INLINED, Loop
 
 POINT, POINT_AND_AXIS = 3, 5

@@ -8,8 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from aacmm_pin._support.angles import wrapped
-from aacmm_pin._support.checks import Array, Index, Mask
+from aacmm_pin._support.arrays import Array, Index, Mask, wrapped
 from aacmm_pin._support.display import Shown
 from aacmm_pin.arm import inside_part, into_limits, outside_limits
 from aacmm_pin.postures.elbow_swivel import Swivel

@@ -15,9 +15,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from aacmm_pin._support.angles import spread_angles, wrapped
-from aacmm_pin._support.checks import Array, Mask, unit_vector, vector, whole
-from aacmm_pin._support.notes import Note
+from aacmm_pin._support.arrays import (
+    Array,
+    Mask,
+    spread_angles,
+    unit_vector,
+    vector,
+    whole,
+    wrapped,
+)
+from aacmm_pin._support.display import Note
 from aacmm_pin._support.plausible import COORDINATE
 from aacmm_pin.arm import Arm, GivenArm, as_arm, inside_part, into_limits, outside_limits
 from aacmm_pin.errors import AacmmError, ShapeError, UnsupportedArmError

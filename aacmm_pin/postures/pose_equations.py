@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from aacmm_pin._support.checks import Array, Index, Mask
+from aacmm_pin._support.arrays import Array, Index, Mask
 from aacmm_pin.postures import continuation
 from aacmm_pin.postures.continuation import MOST_POLISHES, POINT_AND_AXIS
 

@@ -9,10 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from aacmm_pin._support.angles import wrapped
-from aacmm_pin._support.checks import Array, Mask
-from aacmm_pin._support.display import Shown
-from aacmm_pin._support.notes import Note
+from aacmm_pin._support.arrays import Array, Mask, wrapped
+from aacmm_pin._support.display import Note, Shown
 from aacmm_pin._support.units import DEG, MM, plain_mm
 from aacmm_pin.arm import Arm
 from aacmm_pin.postures.curve_sampling import Flexibility

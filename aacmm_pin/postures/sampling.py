@@ -6,8 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from aacmm_pin._support.batches import chunks
-from aacmm_pin._support.checks import Array, Index, Mask
+from aacmm_pin._support.arrays import Array, Index, Mask, chunks
 from aacmm_pin.arm import Arm, joint_bounds
 from aacmm_pin.effects import State
 

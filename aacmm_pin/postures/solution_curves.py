@@ -7,8 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from aacmm_pin._support.angles import spread_angles
-from aacmm_pin._support.checks import Array, Index, Mask
+from aacmm_pin._support.arrays import Array, Index, Mask, spread_angles
 from aacmm_pin.postures import continuation
 from aacmm_pin.postures.continuation import NO_CURVE
 from aacmm_pin.postures.pose_equations import Equations

@@ -9,8 +9,8 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
-from aacmm_pin._support.checks import Array, vector
-from aacmm_pin._support.notes import Note
+from aacmm_pin._support.arrays import Array, vector
+from aacmm_pin._support.display import Note
 from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.arm import OF_A_POSE, Arm, DHTable, into_limits, table
 from aacmm_pin.errors import UnsupportedArmError

@@ -10,7 +10,7 @@ from functools import cached_property
 
 import numpy as np
 
-from aacmm_pin._support.checks import Array
+from aacmm_pin._support.arrays import Array
 from aacmm_pin.arm import Arm, chain
 
 THICKNESS = 0.014

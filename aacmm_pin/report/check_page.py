@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from aacmm_pin._support.display import notes_in_json
 from aacmm_pin._support.file_problems import rows_in_words
-from aacmm_pin._support.notes import notes_in_json
 from aacmm_pin._support.plain_values import plain
 from aacmm_pin._support.units import MM, count
 from aacmm_pin.diagnosis import Check

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any
 
-from aacmm_pin._support.notes import notes_in_json
+from aacmm_pin._support.display import notes_in_json
 from aacmm_pin._support.plain_values import of_models, plain
 from aacmm_pin._support.units import MM
 from aacmm_pin.calibration import rms

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from aacmm_pin._support.notes import Note
+from aacmm_pin._support.display import Note
 from aacmm_pin.calibration.calibrate import notes_of as notes_of_fit
 from aacmm_pin.diagnosis import Diagnosis, not_tried, too_good
 from aacmm_pin.effects import (

@@ -20,8 +20,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from aacmm_pin._support.display import Shown
-from aacmm_pin._support.notes import Note
+from aacmm_pin._support.display import Note, Shown
 from aacmm_pin.report.numbers import in_one_unit
 
 if TYPE_CHECKING:  # a document without pictures needs neither matplotlib nor meshcat

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from aacmm_pin._support.checks import Array
-from aacmm_pin._support.notes import notes_in_json
+from aacmm_pin._support.arrays import Array
+from aacmm_pin._support.display import notes_in_json
 from aacmm_pin._support.plain_values import plain
 from aacmm_pin._support.units import DEG, MM, MM3
 from aacmm_pin.accuracy import AccuracyVolume, ErrorSources, LengthUncertainty, WorkspaceMap, paired

@@ -13,9 +13,8 @@ from pathlib import Path
 from string import Formatter
 from typing import Any
 
-from aacmm_pin._support.display import two_digits
+from aacmm_pin._support.display import Note, two_digits
 from aacmm_pin._support.file_problems import rows_in_words
-from aacmm_pin._support.notes import Note
 from aacmm_pin._support.units import DEG, MM, UM, count
 from aacmm_pin.effects import listed
 from aacmm_pin.report.numbers import p_equals

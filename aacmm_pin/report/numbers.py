@@ -8,7 +8,7 @@ from collections.abc import Iterable
 import numpy as np
 import pandas as pd
 
-from aacmm_pin._support.notes import Note
+from aacmm_pin._support.display import Note
 from aacmm_pin._support.units import LARGE_IN_MICRO, MM, UM
 
 IN_MM = 1e-4

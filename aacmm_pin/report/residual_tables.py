@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 import pandas as pd
 
-from aacmm_pin._support.checks import Array, Mask
+from aacmm_pin._support.arrays import Array, Mask
 from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.calibration import Calibration, Fit
 from aacmm_pin.diagnosis import Choice, Diagnosis

@@ -10,8 +10,7 @@ from typing import Any, Literal
 
 import pandas as pd
 
-from aacmm_pin._support.display import Shown
-from aacmm_pin._support.notes import Note, notes_in_json
+from aacmm_pin._support.display import Note, Shown, notes_in_json
 from aacmm_pin._support.plausible import MPE
 from aacmm_pin._support.units import MM, count, plain_mm
 from aacmm_pin.effects import ErrorModel, GivenModel

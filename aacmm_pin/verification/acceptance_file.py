@@ -8,9 +8,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
-from aacmm_pin._support.checks import Array
+from aacmm_pin._support.arrays import Array
+from aacmm_pin._support.display import Note
 from aacmm_pin._support.file_problems import Problems, first_few
-from aacmm_pin._support.notes import Note
 from aacmm_pin._support.units import MM
 from aacmm_pin.effects import ErrorModel
 from aacmm_pin.errors import AacmmError, MeasurementFileError

@@ -14,7 +14,7 @@ from typing import Literal
 import numpy as np
 import pandas as pd
 
-from aacmm_pin._support.notes import Note
+from aacmm_pin._support.display import Note
 from aacmm_pin.errors import AacmmError, UnknownNameError
 from aacmm_pin.verification.evaluators import (
     LENGTH_KEY,

@@ -17,7 +17,7 @@ from typing import Any, Self
 import numpy as np
 import pandas as pd
 
-from aacmm_pin._support.checks import Array, Mask
+from aacmm_pin._support.arrays import Array, Mask
 from aacmm_pin._support.display import Shown, report
 from aacmm_pin._support.file_problems import Problems
 from aacmm_pin._support.output_files import OutputFiles

@@ -9,7 +9,7 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
-from aacmm_pin._support.checks import Array, batch
+from aacmm_pin._support.arrays import Array, batch
 from aacmm_pin.errors import AacmmError, ShapeError
 from aacmm_pin.measurements import best_sphere
 

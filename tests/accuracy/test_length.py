@@ -15,7 +15,7 @@ from aacmm_pin import (
     configuration_circle,
     length_uncertainty,
 )
-from aacmm_pin._support.checks import Array
+from aacmm_pin._support.arrays import Array
 from aacmm_pin.accuracy import usable_postures
 from aacmm_pin.accuracy.parameter_draws import exact_positions, source_errors
 from aacmm_pin.accuracy.tip_sensitivity import ErrorSources

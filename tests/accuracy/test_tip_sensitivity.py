@@ -9,8 +9,7 @@ from collections.abc import Iterable
 import numpy as np
 import pytest
 
-from aacmm_pin._support.batches import ROWS_PER_BATCH
-from aacmm_pin._support.checks import Array
+from aacmm_pin._support.arrays import ROWS_PER_BATCH, Array
 from aacmm_pin.accuracy.parameter_draws import exact_positions
 from aacmm_pin.accuracy.tip_sensitivity import ErrorSources
 from aacmm_pin.accuracy.volume import accuracy_volume

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from aacmm_pin._support.checks import Array
+from aacmm_pin._support.arrays import Array
 from aacmm_pin.accuracy import workspace
 from aacmm_pin.accuracy.comprehensive_accuracy import configuration_weights
 from aacmm_pin.accuracy.volume import accuracy_volume

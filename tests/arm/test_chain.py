@@ -11,8 +11,7 @@ import pinocchio as pin
 import pytest
 from scipy.linalg import expm
 
-from aacmm_pin._support.batches import ROWS_PER_BATCH
-from aacmm_pin._support.checks import Array
+from aacmm_pin._support.arrays import ROWS_PER_BATCH, Array
 from aacmm_pin._support.compiled import ALWAYS, NEVER, VARIABLE
 from aacmm_pin.arm import BASE, Arm, axis, end, exp
 from aacmm_pin.arm.poses import Poses

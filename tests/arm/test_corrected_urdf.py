@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from lxml import etree
 
-from aacmm_pin._support.checks import Array
+from aacmm_pin._support.arrays import Array
 from aacmm_pin.arm import Arm
 from aacmm_pin.arm.corrected_urdf import corrected_urdf
 from aacmm_pin.errors import AacmmError, UnsupportedArmError

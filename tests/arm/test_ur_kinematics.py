@@ -12,7 +12,7 @@ import pinocchio as pin
 import pytest
 import yaml
 
-from aacmm_pin._support.checks import Array
+from aacmm_pin._support.arrays import Array
 from aacmm_pin.arm import UR_ROBOTS, Arm, Covariance, UrKinematics, axis
 from aacmm_pin.effects import ErrorModel, JointPeriodicError, StylusOffset
 from aacmm_pin.errors import ArmFileError, UnknownNameError, UnsupportedArmError

@@ -11,7 +11,7 @@ import pinocchio as pin
 import pytest
 import yourdfpy
 
-from aacmm_pin._support.checks import Array
+from aacmm_pin._support.arrays import Array
 from aacmm_pin._support.units import MM
 from aacmm_pin.arm import Arm, ArmFile, bundled_arms, load_arm_file
 from aacmm_pin.arm.dh_to_urdf import SHORTEST_DRAWN, urdf_text

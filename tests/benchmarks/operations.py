@@ -19,7 +19,7 @@ from unittest.mock import patch
 import numpy as np
 import pinocchio as pin
 
-from aacmm_pin._support.checks import Array
+from aacmm_pin._support.arrays import Array
 from aacmm_pin.accuracy import accuracy_volume, workspace
 from aacmm_pin.arm import Arm, load_arm_file
 from aacmm_pin.arm.dh_to_urdf import urdf_text

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from aacmm_pin._support.checks import Array
+from aacmm_pin._support.arrays import Array
 from aacmm_pin.arm import Arm, DHTable, exp, load_arm_file
 from aacmm_pin.effects import Conditions
 from aacmm_pin.measurements import Measurements

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from aacmm_pin import accuracy_volume, perturbed_model
-from aacmm_pin._support.checks import Array
+from aacmm_pin._support.arrays import Array
 from aacmm_pin.arm import Arm, load_arm_file
 from aacmm_pin.arm.file import Uncertainty
 from aacmm_pin.arm.random_postures import random_postures

@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 from shell import NOISE, done, found, refused, run
 
-from aacmm_pin._support.notes import Note
+from aacmm_pin._support.display import Note
 from aacmm_pin._support.units import MM
 from aacmm_pin.arm import Arm
 from aacmm_pin.effects import (

@@ -11,7 +11,7 @@ import pandas as pd
 import pytest
 from scipy.spatial.transform import Rotation
 
-from aacmm_pin._support.checks import Array
+from aacmm_pin._support.arrays import Array
 from aacmm_pin.arm import Arm
 from aacmm_pin.calibration import base_placements, calibrate
 from aacmm_pin.diagnosis import diagnose

@@ -14,7 +14,7 @@ import pandas as pd
 import pytest
 
 from aacmm_pin import accuracy_volume, perturbed_model
-from aacmm_pin._support.checks import Array
+from aacmm_pin._support.arrays import Array
 from aacmm_pin.arm import Arm, axis
 from aacmm_pin.arm.random_postures import random_postures
 from aacmm_pin.calibration import Fit, Setup, calibrate, solver

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from aacmm_pin import next_measurements
-from aacmm_pin._support.checks import Array
+from aacmm_pin._support.arrays import Array
 from aacmm_pin.arm import Arm
 from aacmm_pin.arm.random_postures import random_postures
 from aacmm_pin.diagnosis import Diagnosis, diagnose

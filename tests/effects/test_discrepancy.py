@@ -9,7 +9,7 @@ import pytest
 import tomli_w
 from scipy.spatial.transform import Rotation
 
-from aacmm_pin._support.checks import Array
+from aacmm_pin._support.arrays import Array
 from aacmm_pin.accuracy.tip_sensitivity import ErrorSources
 from aacmm_pin.arm import Arm
 from aacmm_pin.effects import ErrorModel

@@ -23,7 +23,7 @@ from scipy.linalg import expm
 from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
-from aacmm_pin._support.checks import Array
+from aacmm_pin._support.arrays import Array
 from aacmm_pin._support.units import MM
 from aacmm_pin.arm import BASE, Arm, ArmFile, axis, end
 from aacmm_pin.effects import (

@@ -12,7 +12,7 @@ import pytest
 from scipy.optimize import least_squares
 from scipy.stats import chi2
 
-from aacmm_pin._support.checks import Array
+from aacmm_pin._support.arrays import Array
 from aacmm_pin.arm import Arm
 from aacmm_pin.arm.random_postures import MARGIN
 from aacmm_pin.effects import (

@@ -12,7 +12,7 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from aacmm_pin import Arm, ErrorModel, Measurements, plan_measurements, simulate_measurements
-from aacmm_pin._support.notes import Note
+from aacmm_pin._support.display import Note
 from aacmm_pin._support.units import DEG
 from aacmm_pin.arm.chain import skew
 from aacmm_pin.arm.random_postures import Room, joint_bounds

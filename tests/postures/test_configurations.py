@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from aacmm_pin._support.checks import Array, Index
+from aacmm_pin._support.arrays import Array, Index
 from aacmm_pin.accuracy.workspace import map_caveats, map_workspace
 from aacmm_pin.arm import Arm, ArmFile, axis, load_arm_file
 from aacmm_pin.arm.limits import into_limits, outside_limits

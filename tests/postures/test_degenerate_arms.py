@@ -7,7 +7,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from aacmm_pin._support.notes import Note
+from aacmm_pin._support.display import Note
 from aacmm_pin.accuracy.workspace import map_workspace
 from aacmm_pin.arm import Arm
 from aacmm_pin.errors import AacmmError

@@ -13,8 +13,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from aacmm_pin._support.angles import spread_angles
-from aacmm_pin._support.checks import Array
+from aacmm_pin._support.arrays import Array, spread_angles
 from aacmm_pin.arm import Arm
 from aacmm_pin.postures import continuation
 from aacmm_pin.postures.continuation import FIRST_STEP

@@ -9,7 +9,7 @@ import pinocchio as pin
 import pytest
 
 from aacmm_pin import ReachingPostures
-from aacmm_pin._support.checks import Array
+from aacmm_pin._support.arrays import Array
 from aacmm_pin.arm import Arm
 from aacmm_pin.postures.general_ik import reaching_postures
 from tests.oracle import by_newton, close, gaps, jacobian_of, off_polylines

@@ -13,7 +13,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from aacmm_pin import next_measurements
-from aacmm_pin._support.checks import Array
+from aacmm_pin._support.arrays import Array
 from aacmm_pin._support.units import MM
 from aacmm_pin.arm import Arm
 from aacmm_pin.calibration import calibrate

@@ -14,7 +14,7 @@ import pytest
 from matplotlib.figure import Figure as Drawing
 
 from aacmm_pin import ErrorModel
-from aacmm_pin._support.notes import Note
+from aacmm_pin._support.display import Note
 from aacmm_pin._support.units import count
 from aacmm_pin.errors import OutputError
 from aacmm_pin.report import formats, results

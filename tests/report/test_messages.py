@@ -10,7 +10,7 @@ from typing import get_args
 
 import pytest
 
-from aacmm_pin._support.notes import Note
+from aacmm_pin._support.display import Note
 from aacmm_pin.diagnosis import verdict
 from aacmm_pin.diagnosis.verdict import Verdict
 from aacmm_pin.report.messages import SENTENCES

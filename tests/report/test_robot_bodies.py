@@ -14,7 +14,7 @@ import yourdfpy
 from scipy.spatial import cKDTree
 
 from aacmm_pin import Arm, reaching_postures
-from aacmm_pin._support.checks import Array
+from aacmm_pin._support.arrays import Array
 from aacmm_pin._support.units import MM
 from aacmm_pin.report import scenes
 from aacmm_pin.report.scenes import Scene

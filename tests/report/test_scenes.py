@@ -31,7 +31,7 @@ from aacmm_pin import (
     reaching_postures,
     simulate_measurements,
 )
-from aacmm_pin._support.checks import Array
+from aacmm_pin._support.arrays import Array
 from aacmm_pin._support.units import DEG, MM, MM3
 from aacmm_pin.effects import EncoderEccentricity
 from aacmm_pin.errors import ShapeError, UnknownNameError

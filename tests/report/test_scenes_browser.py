@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from aacmm_pin import Arm, circle_accuracy, configuration_circle
-from aacmm_pin._support.checks import Array
+from aacmm_pin._support.arrays import Array
 from aacmm_pin._support.units import MM
 from aacmm_pin.report import scenes
 from aacmm_pin.report.scenes import Scene

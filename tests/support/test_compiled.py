@@ -12,7 +12,7 @@ import numba
 import numpy as np
 import pytest
 
-from aacmm_pin._support.checks import Array
+from aacmm_pin._support.arrays import Array
 from aacmm_pin._support.compiled import ALWAYS, NEVER, VARIABLE, Loop
 from aacmm_pin.accuracy import zonotope
 from aacmm_pin.errors import UnknownNameError

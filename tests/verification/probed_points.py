@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from aacmm_pin._support.checks import Array
+from aacmm_pin._support.arrays import Array
 from tests.tables import PLACES
 
 DIRECTIONS = np.vstack([np.eye(3), -np.eye(3), [[0.6, 0.8, 0], [0, -0.6, 0.8], [0.8, 0, -0.6]]])

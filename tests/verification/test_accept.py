@@ -10,8 +10,8 @@ import pandas as pd
 import pytest
 
 from aacmm_pin import Arm, Measurements, accept
-from aacmm_pin._support.checks import Array
-from aacmm_pin._support.notes import Note
+from aacmm_pin._support.arrays import Array
+from aacmm_pin._support.display import Note
 from aacmm_pin.errors import AacmmError
 from aacmm_pin.verification import AcceptanceResult
 from aacmm_pin.verification.acceptance import CharacteristicValue

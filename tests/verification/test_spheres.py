@@ -7,7 +7,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from aacmm_pin._support.checks import Array
+from aacmm_pin._support.arrays import Array
 from aacmm_pin.errors import AacmmError, ShapeError
 from aacmm_pin.verification.spheres import fitted_sphere, smallest_sphere
 

@@ -9,7 +9,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 from pandas.api.types import is_numeric_dtype
 
-from aacmm_pin._support.checks import Array
+from aacmm_pin._support.arrays import Array
 from aacmm_pin.diagnosis import Diagnosis, Finding
 from aacmm_pin.effects import in_words
 from aacmm_pin.errors import AacmmError

@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib import colormaps
 from mpl_toolkits.mplot3d import Axes3D
 
-from aacmm_pin._support.checks import Index
+from aacmm_pin._support.arrays import Index
 from aacmm_pin._support.units import DEG, MM, MM3
 from aacmm_pin.accuracy import AccuracyVolume, paired
 from aacmm_pin.errors import AacmmError

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from numpy.typing import ArrayLike
 
-from aacmm_pin._support.checks import batch
+from aacmm_pin._support.arrays import batch
 from aacmm_pin.effects import ErrorModel, GivenModel
 from aacmm_pin.errors import ShapeError
 from aacmm_pin.report.arm_wireframe import ArmLines

@@ -12,7 +12,7 @@ import numpy as np
 from matplotlib.colors import to_hex
 from meshcat.geometry import Sphere, TriangularMeshGeometry
 
-from aacmm_pin._support.checks import Array
+from aacmm_pin._support.arrays import Array
 from aacmm_pin._support.file_problems import first_few
 from aacmm_pin.arm import Arm
 from aacmm_pin.report.arm_wireframe import ArmLines

@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.colors import to_rgb
 from meshcat.geometry import Sphere
 
-from aacmm_pin._support.checks import Array, Index
+from aacmm_pin._support.arrays import Array, Index
 from aacmm_pin._support.units import DEG, MM3, UM, count
 from aacmm_pin.accuracy import ELLIPSOID_COVERAGE_FACTOR, AccuracyVolume, paired
 from aacmm_pin.errors import AacmmError

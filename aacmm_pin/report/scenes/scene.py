@@ -20,7 +20,7 @@ from matplotlib import colormaps
 from matplotlib.colors import Normalize, to_hex
 from meshcat import Visualizer
 
-from aacmm_pin._support.checks import Array
+from aacmm_pin._support.arrays import Array
 from aacmm_pin._support.output_files import whole_file
 from aacmm_pin._support.plain_values import plain
 from aacmm_pin._support.text_escaping import encodable

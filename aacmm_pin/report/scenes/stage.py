@@ -15,7 +15,7 @@ from meshcat.geometry import (
 )
 from scipy.spatial.transform import Rotation
 
-from aacmm_pin._support.checks import Array
+from aacmm_pin._support.arrays import Array
 from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.arm import Arm, outside_limits
 from aacmm_pin.report.arm_wireframe import ArmLines

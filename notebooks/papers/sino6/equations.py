@@ -20,8 +20,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from aacmm_pin._support.angles import wrapped
-from aacmm_pin._support.checks import Array
+from aacmm_pin._support.arrays import Array, wrapped
 from papers.sino6.tables import NominalArm
 
 

@@ -11,8 +11,7 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
-from aacmm_pin._support.angles import wrapped
-from aacmm_pin._support.checks import Array
+from aacmm_pin._support.arrays import Array, wrapped
 from aacmm_pin._support.units import DEG, MM
 from papers.sino6.equations import (
     ConfigurationsAtTheta2,

@@ -25,7 +25,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from aacmm_pin._support.checks import Array
+from aacmm_pin._support.arrays import Array
 from aacmm_pin._support.display import Shown
 from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.postures.configurations import STARTS_IN_MAP

@@ -7,7 +7,7 @@ from dataclasses import astuple, dataclass
 import numpy as np
 import pandas as pd
 
-from aacmm_pin._support.checks import Array
+from aacmm_pin._support.arrays import Array
 from aacmm_pin._support.units import MM
 from aacmm_pin.arm.dh import DHTable, table
 from aacmm_pin.errors import UnsupportedArmError

@@ -15,8 +15,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from aacmm_pin._support.batches import chunks
-from aacmm_pin._support.checks import Array
+from aacmm_pin._support.arrays import Array, chunks
 from aacmm_pin.accuracy.parameter_draws import parameter_errors
 from aacmm_pin.effects import (
     BaseCompliance,

@@ -25,7 +25,7 @@ from itertools import product
 import numpy as np
 import pandas as pd
 
-from aacmm_pin._support.checks import Array, Index
+from aacmm_pin._support.arrays import Array, Index
 from aacmm_pin.accuracy.parameter_draws import parameter_errors
 from aacmm_pin.accuracy.volume import accuracy_volume
 from papers.sino6.tables import printed_table3

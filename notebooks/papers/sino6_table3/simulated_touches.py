@@ -8,8 +8,7 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from aacmm_pin._support.angles import wrapped
-from aacmm_pin._support.checks import Array
+from aacmm_pin._support.arrays import Array, wrapped
 from aacmm_pin._support.units import MM
 from aacmm_pin.effects import Effect, ErrorModel, sensitivity
 from aacmm_pin.errors import AacmmError, UnknownNameError

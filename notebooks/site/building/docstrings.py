@@ -12,7 +12,7 @@ from sphinx.application import Sphinx
 from sphinx.ext.napoleon import Config, GoogleDocstring
 from sphinx.util.typing import stringify_annotation
 
-from aacmm_pin._support.checks import Array, Index
+from aacmm_pin._support.arrays import Array, Index
 from aacmm_pin.effects.conditions import Labels
 
 CONFIG = Config(napoleon_use_ivar=True, napoleon_use_rtype=False, napoleon_attr_annotations=False)

@@ -1,4 +1,4 @@
-"""Checks of shape and numbers of arrays."""
+"""Arrays: their types, checks of shape and numbers, long batches in parts, products, angles."""
 
 from __future__ import annotations
 
@@ -141,3 +141,42 @@ def _check_plausible(array: Array, name: str, unit: str) -> None:
                 f"{name}[{', '.join(map(str, place))}] "
                 f"{plausible.like_degrees(array[tuple(place)])}"
             )
+
+
+ROWS_PER_BATCH = 2048
+"""Their results fit the processor's cache."""
+
+
+def chunks(n: int, size: int = ROWS_PER_BATCH) -> list[slice]:
+    """Slices that cover ``range(n)``."""
+    return [slice(start, min(start + size, n)) for start in range(0, n, size)]
+
+
+def cross(u: Array, v: Array) -> Array:
+    """u × v along the last axis but one (..., 3, n); numpy.cross copies, and is several times
+    slower.
+    """
+    product = np.empty(np.broadcast_shapes(u.shape, v.shape))
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        ahead = u[..., j, :] * v[..., k, :]
+        product[..., i, :] = ahead - u[..., k, :] * v[..., j, :]
+    return product
+
+
+def wrapped(angles: Array) -> Array:
+    """The same directions in [-π, π) [rad]."""
+    within_turn = (angles + np.pi) % (2 * np.pi)
+    return within_turn - np.pi
+
+
+def spread_angles(count: int, joints: int) -> Array:
+    """Evenly spread angles (count, joints) in [-π, π) [rad], without randomness.
+
+    Additive recurrence with the powers of the root of x^(d+1) = x + 1 (M. Roberts, 2018).
+    """
+    root = 2.0
+    for _ in range(60):
+        root = (1.0 + root) ** (1.0 / (joints + 1))
+    steps = root ** -np.arange(1.0, joints + 1)
+    return (np.arange(1, count + 1)[:, None] * steps % 1.0) * (2 * np.pi) - np.pi
