@@ -200,12 +200,13 @@ def distances(
     seats: Mapping[str, Array] | None = None,
     lever: float = 0.0,
 ) -> Array:
-    """Distance of predicted tips (n, 3) from the reference, else the known seat, else the mean
-    there.
+    """Distance of predicted tips from the reference, else the known seat, else the mean of the tips
+    at the seat (n,) [m].
 
     A spread about the mean of m records is widened by √(m/(m-1)), NaN for one; spheres and planes
-    likewise. ``seats``: points by other records (3,), of planes point and anchor (2, 3) [m]. Turns
-    behind the tips (n, 6) count over a ``lever`` [m].
+    likewise. ``seats``: points by other records (3,), of planes point and anchor (2, 3) [m].
+    ``poses`` are tips (n, 3) [m], perhaps with turns from the stated orientations (n, 6) [rad],
+    which count over a ``lever`` [m].
     """
     tips = poses[:, :3]
     radius = np.nan_to_num(records.contact_radius)

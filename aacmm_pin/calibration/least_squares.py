@@ -243,14 +243,14 @@ class BoundedStep(NamedTuple):
     Attributes:
         parameters: (p,) [units].
         length: in lengths of the columns.
-        predicted: how much it lowers χ² of a linear problem.
-        reduction: how much the Gauss–Newton step does.
+        reduction: how much it lowers χ² of a linear problem.
+        full_reduction: how much the Gauss–Newton step does.
     """
 
     parameters: Array
     length: float
-    predicted: float
     reduction: float
+    full_reduction: float
 
 
 def bounded_step(model: LinearModel, units: Array, radius: float) -> BoundedStep:
@@ -269,10 +269,10 @@ def bounded_step(model: LinearModel, units: Array, radius: float) -> BoundedStep
     values, directions, along = spectrum
     part = values**2 / (values**2 + _damping(spectrum, radius))
     step = directions @ (-part * along / values)
-    predicted = float(np.sum(along**2 * (1.0 - (1.0 - part) ** 2)))
-    reduction = (normal or spectrum.solution).reduction
+    reduction = float(np.sum(along**2 * (1.0 - (1.0 - part) ** 2)))
+    full_reduction = (normal or spectrum.solution).reduction
     length = float(np.linalg.norm(step))
-    return BoundedStep(step / divisors * scales, length, predicted, reduction)
+    return BoundedStep(step / divisors * scales, length, reduction, full_reduction)
 
 
 def _damping(spectrum: Spectrum, radius: float) -> float:

@@ -39,13 +39,13 @@ class SeatElimination:
         each record with respect to its seat (n, 3 or 6, 3).
         """
         self.observations = observations
-        self._touched = np.flatnonzero(observations.seat >= 0)
-        self._seat_of_touched = observations.seat[self._touched]
-        shape = (len(observations.labels), self._touched.size)
-        ones = np.ones(self._touched.size)
-        columns = np.arange(self._touched.size)
-        self._summing = csr_array((ones, (self._seat_of_touched, columns)), shape=shape)
-        self._set_orthonormal(by_seat[self._touched])
+        self._at_seats = np.flatnonzero(observations.seat >= 0)
+        self._seat_of_contact = observations.seat[self._at_seats]
+        shape = (len(observations.labels), self._at_seats.size)
+        ones = np.ones(self._at_seats.size)
+        columns = np.arange(self._at_seats.size)
+        self._summing = csr_array((ones, (self._seat_of_contact, columns)), shape=shape)
+        self._set_orthonormal(by_seat[self._at_seats])
         self._relation_residual, by_ends = observations.relation_residuals(points)
         self._stated_residual = observations.seat_residuals(points)
         self._relation_jacobian = self._by_seats(by_ends)
@@ -77,7 +77,7 @@ class SeatElimination:
             information[may_be_open] += directions * added[:, None] @ directions.transpose(0, 2, 1)
             upper = np.linalg.cholesky(information).transpose(0, 2, 1)
             inverse = np.linalg.inv(upper)
-            by_seat = by_seat @ inverse[self._seat_of_touched]
+            by_seat = by_seat @ inverse[self._seat_of_contact]
             by_stated = by_stated @ inverse
             self._triangle = upper @ self._triangle
         self._q, self._q_stated = by_seat, by_stated
@@ -97,17 +97,17 @@ class SeatElimination:
             ``Qᵀ M`` (s, 3, c); rows of the records, in place, of the seats (s, 3, c), and of
             relations (b, c).
         """
-        along = self._seat_sums(self._q.transpose(0, 2, 1) @ rows[self._touched])
+        along = self._seat_sums(self._q.transpose(0, 2, 1) @ rows[self._at_seats])
         stated = np.zeros_like(along)
         stated[:, :, -1] = self._stated_residual
         along += self._q_stated.transpose(0, 2, 1) @ stated
-        rows[self._touched] -= self._q @ along[self._seat_of_touched]
+        rows[self._at_seats] -= self._q @ along[self._seat_of_contact]
         return along, (rows, stated - self._q_stated @ along, self._relation_rows(along))
 
     def along(self, rows: Array, records: Index) -> Array:
         """``Qᵀ M`` of the whitened rows (m, 3 or 6, c) of some records: (s, 3, c)."""
         touched = np.flatnonzero(self.observations.seat[records] >= 0)
-        positions = np.searchsorted(self._touched, records[touched])
+        positions = np.searchsorted(self._at_seats, records[touched])
         projected = self._q[positions].transpose(0, 2, 1) @ rows[touched]
         return self._seat_sums(projected, positions)
 
@@ -148,13 +148,14 @@ class SeatElimination:
         return np.asarray(np.linalg.qr(np.vstack([np.eye(len(rows)), rows.T]), mode="r")).T
 
     def by_relations(self, rows: Array) -> Array:
-        """What relations with these ``rows`` (b, c) add to the rows of the records (n, 3 or 6, c),
-        because they hold the seats aside from where the records alone put them.
+        """What relations with these ``rows`` (b, c), as :meth:`eliminated` returns them, add to the
+        rows of the records (n, 3 or 6, c): ``-Q Hᵀ (1 + H Hᵀ)^-½ rows``. Relations hold the seats
+        aside from where the records alone put them.
         """
         steps = self._relation_jacobian.T @ solve_triangular(self.relation_factor.T, rows)
         of_seats = steps.reshape(-1, 3, rows.shape[1])
         added = np.zeros((len(self.observations.seat), self._q.shape[1], rows.shape[1]))
-        added[self._touched] = -self._q @ of_seats[self._seat_of_touched]
+        added[self._at_seats] = -self._q @ of_seats[self._seat_of_contact]
         return added
 
     def step(self, along: Array) -> Array:

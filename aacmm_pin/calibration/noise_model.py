@@ -254,9 +254,11 @@ def observations_of(measurements: Measurements, setup: Setup) -> Observations:
     """What the records state.
 
     A seat whose records state the same coordinates was measured once; a record of it without
-    coordinates was there too. A seat without coordinates is an unknown point. A record with other
-    coordinates than its seat stands for itself: if records repeat the seat's, those off by twice
-    the uncertainty, for less may be rounding; if not, by a third of it.
+    coordinates was there too. A seat without coordinates is an unknown point.
+
+    A record with other coordinates than its seat stands for itself. Where records repeat the
+    coordinates of the seat, others are more than 2 u away, for less may be rounding. Where all
+    states differ, they are more than u/3 away.
     """
     contact = setup.probe_noise or 0.0
     u = reference_u(measurements, setup, np.nan)
@@ -287,6 +289,7 @@ def observations_of(measurements: Measurements, setup: Setup) -> Observations:
         oriented=measurements.oriented,
         radius=radius,
         on_plane=on_plane,
+        # Of planes; NoiseModel fills these from a first fit.
         anchor=np.full((len(labels), 3), np.nan),
         normal=np.zeros((measurements.n, 3)),
         normal_for_seat=np.zeros((measurements.n, 3)),

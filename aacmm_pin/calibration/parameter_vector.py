@@ -238,15 +238,16 @@ class Columns:
 
     def at(self, x: Array) -> State:
         """The arm with all effects, at the values ``x`` (p,)."""
-        state = replace(self.state, twists=self._twists(x, False))
+        state = replace(self.state, twists=self._twists(x, of_reference=False))
         elastic = [effect for effect in self.given if effect.elastic]
         elastic += [effect.at(x[entries]) for effect, entries in self._elastic if x[entries].any()]
         state = static_equilibrium(elastic, state)
-        of_reference = self._twists(x, True)
-        if not of_reference:
+        errors_of_references = self._twists(x, of_reference=True)
+        if not errors_of_references:
             return state
+        # They come last, for they do not turn the arm against gravity.
         twists = dict(state.twists)
-        _add(twists, of_reference)
+        _add(twists, errors_of_references)
         return replace(state, twists=twists)
 
     def jacobian(self, state: State, more: int = 0) -> Array:

@@ -24,16 +24,16 @@ from aacmm_pin.errors import AacmmError
 from aacmm_pin.measurements import Measurements, orientation
 
 FEWEST_OF_A_FRAME = 8
-MOST_OF_THEM = 0.8
+FITTING_PART = 0.8
 """Least part of the excluded records that has to fit their frame …"""
 RESIDUAL_RATIO = 2.0
 """… with residuals at most so many times those of the other records …"""
 REMAINING_PART = 0.1
 """… and at most this part of those in the frame of the others."""
 RUN = 7
-"""So many rows: records that most of these disagree with count as the others …"""
+"""A stand that moved moves consecutive rows: a row counts as most of the so many around it …"""
 ROWS_OUT_OF_RUNS = 0.2
-"""… unless these are more than this part of the records of the frame."""
+"""… unless this changes more than this part of them: then rows are not in order of time."""
 ONE_FRAME = 0.01
 """Frames whose coordinates differ by less are one, up to what is estimated [m]."""
 LEAST_CHANCE = 0.01
@@ -92,7 +92,9 @@ def _in_one_frame(
 
 
 def _with_session_of_references(records: Measurements) -> Measurements:
-    """Without a reference: that of the references of the seat, or none."""
+    """The records, each with the session in whose frame its target is stated: its own, if it has a
+    reference, else that of the first reference of its seat, else none.
+    """
     conditions = records.conditions
     stated = conditions.labels("session")
     session = np.where(records.placed, stated, "")
@@ -124,20 +126,20 @@ def session_notes(fit: Fit) -> Iterator[Note]:
         yield Note(code, data | {"p_value": p_value, "shift": shift, "turn": turn})
 
 
-def another_frame(after: Fit) -> Iterator[Note]:
+def another_frame(fit: Fit) -> Iterator[Note]:
     """A note if the excluded records fit the calibrated arm in a reference frame of their own."""
-    records = after.problem.measurements
-    excluded = after.excluded & records.known
-    if excluded.sum() < FEWEST_OF_A_FRAME or after.problem.setup.frame_of_session:
+    records = fit.problem.measurements
+    excluded = fit.excluded & records.known
+    if excluded.sum() < FEWEST_OF_A_FRAME or fit.problem.setup.frame_of_session:
         return
-    fitted = after.point.frame
+    fitted = fit.point.frame
     references = records.reference[excluded]
-    in_base = fitted.back(after.point.prediction.tips)
+    in_base = fitted.back(fit.point.prediction.tips)
     frame_of_excluded = registered(in_base[excluded], references)
     in_own_frame = np.linalg.norm(frame_of_excluded.apply(in_base) - records.reference, axis=1)
-    distances = np.linalg.norm(after.system.deviation, axis=1)
-    others = np.nanquantile(distances[after.used], MOST_OF_THEM)
-    of_most = np.quantile(in_own_frame[excluded], MOST_OF_THEM)
+    distances = np.linalg.norm(fit.system.deviation, axis=1)
+    others = np.nanquantile(distances[fit.used], FITTING_PART)
+    of_most = np.quantile(in_own_frame[excluded], FITTING_PART)
     remaining_part = np.median(in_own_frame[excluded]) / np.median(distances[excluded])
     if of_most >= RESIDUAL_RATIO * others or remaining_part > REMAINING_PART:
         return

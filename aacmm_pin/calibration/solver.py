@@ -149,6 +149,7 @@ class _Search:
     first_length: float = 0.0
 
     def run(self, point: Point) -> Fit:
+        """The fit at the best point; its message is empty if the search converged."""
         tolerance = LOOSELY_SETTLED if self.is_start else SETTLED
         units = np.zeros(self.problem.scales.size)
         system = self.system(point)
@@ -163,23 +164,23 @@ class _Search:
             units = np.maximum(units, system.lengths)
             step = bounded_step(system, units, self.radius)
             # The step to a mere start need not be taken.
-            if step.reduction < (tolerance if self.is_start else NO_STEP):
+            if step.full_reduction < (tolerance if self.is_start else NO_STEP):
                 message = ""
                 break
             cost = system.cost
             seats = point.seats + system.seat_step(step.parameters)
             del system  # the rows of one system are most of what a search holds
             trial = self.trial(point, seats, step.parameters)
-            reduction = -np.inf if trial is None else cost - trial[1].cost
-            gain_ratio = reduction / step.predicted if step.predicted > 0 else 0.0
+            lowered = -np.inf if trial is None else cost - trial[1].cost
+            gain_ratio = lowered / step.reduction if step.reduction > 0 else 0.0
             self.adapt_radius(step.length, gain_ratio)
-            if trial is not None and reduction >= -ROUNDING * cost:
+            if trial is not None and lowered >= -ROUNDING * cost:
                 point, system = trial
             else:  # back to the point before
                 system = self.system(point)
             del trial
-            is_flat = step.reduction < FLAT_REDUCTION and not reduction >= SETTLED
-            if step.reduction < tolerance or is_flat:
+            is_flat = step.full_reduction < FLAT_REDUCTION and not lowered >= SETTLED
+            if step.full_reduction < tolerance or is_flat:
                 message = ""
                 break
             if self.radius < SMALLEST_STEP * self.first_length:

@@ -404,12 +404,16 @@ class _Calibrated:
         self._by_carrier = dict[str, Array]()
 
     def of(self, source: Source) -> Array:
-        """Displacement by one unit of each parameter (n, 3 or 6, q) [m/unit]."""
+        """Displacement by one unit of each parameter (n, 3 or 6, q) [m/unit].
+
+        A :class:`Carried` source is smooth functions of a covariate times a motion of the carrier,
+        such as the tip or a joint: one column for each function and axis.
+        """
         if not isinstance(source, Carried):
             return self._columns(source)
         if source.carrier not in self._by_carrier:
             carrier = Carrier(source.carrier)
-            unit = Discrepancy(source.carrier, carrier, (), len(carrier.quantities))
+            unit = Discrepancy("", carrier, functions=(), size=len(carrier.quantities))
             self._by_carrier[source.carrier] = self._columns([unit])
         by_axes = self._by_carrier[source.carrier]  # (n, 3 or 6, axes)
         moved = np.einsum("nm,nij->nimj", source.functions[self.chosen], by_axes)

@@ -178,7 +178,7 @@ class _Rounds:
                     return replace(choice, fit=first, posterior=nothing)
                 choice.posterior.space.release()
                 refitted_causes, previous = best_causes, choice
-                library = _with_variants(library, refitted_causes)
+                library = _with_refined_variants(library, refitted_causes)
             else:
                 choice = _explored(choice)
         if used is not None and choice.covariates:
@@ -243,16 +243,16 @@ class _Rounds:
         """The refit at the median probability model; its u includes the uncertainty of nonlinear
         parameters, the error that records of one posture share, and held curves.
 
-        A known cause is removed if a cause of its name with another nonlinear parameter is
+        A known cause is removed if a cause of its label with another nonlinear parameter is
         estimated, and its own values are zero within their U.
         """
         refit, curves = first, None
         effects = refined_causes(choice, choice.causes)
         if effects:
-            with_widths = choice.with_values(effects)
-            refit = self.refitted(with_widths, used=used)
+            with_values = choice.with_values(effects)
+            refit = self.refitted(with_values, used=used)
             if removed := _superseded(refit, effects):
-                refit = self.refitted(with_widths, removed, used)
+                refit = self.refitted(with_values, removed, used)
                 # A cause that has replaced a known one has another nonlinear parameter without it.
                 labels_removed = {effect.label for effect in removed}
                 tried = {
@@ -262,10 +262,10 @@ class _Rounds:
                 }
                 acting = [(effect,) for effect in effects]
                 effects = with_likeliest(refit, choice.noise, acting, tried)
-                with_widths = choice.with_values(effects)
-                refit = self.refitted(with_widths, removed, used)
+                with_values = choice.with_values(effects)
+                refit = self.refitted(with_values, removed, used)
             refit = with_nonlinear_u(refit, choice.noise, effects)
-            held_curves = [effect for effect in with_widths if effect.free_form]
+            held_curves = [effect for effect in with_values if effect.free_form]
             curves = choice.held_curves(refit, held_curves) if held_curves else None
         variance = choice.posterior.median_model.variance
         added_covariance = choice.noise.added_covariance(refit, variance)
@@ -367,11 +367,14 @@ def _likeliest_climb(
     return max(map(with_own_noise, starts), key=lambda posterior: posterior.log_density)
 
 
-def _with_variants(library: Sequence[Variants], effects: list[Effect]) -> tuple[Variants, ...]:
+def _with_refined_variants(
+    library: Sequence[Variants], effects: list[Effect]
+) -> tuple[Variants, ...]:
     """The library with the refined effects among the variants of their labels.
 
     Each replaces the nearest variant that was tried: if there were more about the likeliest value
-    than elsewhere, their prior would be larger there.
+    than elsewhere, their prior would be larger there. Values common in machines (whole orders) and
+    changes of known causes stay.
     """
     identities_tried = {variant.identity for variants in library for variant in variants}
     untried_by_label = {
@@ -379,7 +382,7 @@ def _with_variants(library: Sequence[Variants], effects: list[Effect]) -> tuple[
     }
     with_refined = []
     for variants in library:
-        # Of several candidates of one label, the first has the variants.
+        # Candidates can have one label, as changes of two known causes: the first has the variants.
         refined = untried_by_label.pop(variants[0].label, None)
         if refined is not None:
             nonlinear = refined.nonlinear

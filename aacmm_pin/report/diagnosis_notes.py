@@ -86,14 +86,14 @@ def _notes_of_clock(conditions: Conditions) -> Iterator[Note]:
 def _notes_of_known_causes(result: Diagnosis) -> Iterator[Note]:
     """Causes of the model whose values have changed, or that have gone."""
     for finding in result.findings:
-        old, slides = finding.was, finding.slides
-        if old is not None:
-            was = _values(old, values_with_u(old, np.diag(np.square(old.u))), slides)
-            data = {"cause": finding.label, "was": was}
+        former, joint_slides = finding.was, finding.slides
+        if former is not None:
+            stated = values_with_u(former, np.diag(np.square(former.u)))
+            data = {"cause": finding.label, "was": _values(former, stated, joint_slides)}
             if finding.gone:
                 yield Note("known_cause_gone", data)
             else:
-                now = _values(finding.effect, finding.parameters, slides)
+                now = _values(finding.effect, finding.parameters, joint_slides)
                 yield Note("known_cause_changed", data | {"now": now})
 
 

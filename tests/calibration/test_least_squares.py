@@ -73,20 +73,20 @@ def test_a_step_in_a_trust_region(rng, alike):
     units = model.lengths
     whole = bounded_step(model, units, np.inf)
     np.testing.assert_allclose(whole.parameters / SCALES, model.solution.best, rtol=1e-4)
-    assert whole.predicted == pytest.approx(whole.reduction)
+    assert whole.reduction == pytest.approx(whole.full_reduction)
     step = bounded_step(model, units, 0.3 * whole.length)
     assert step.length == pytest.approx(0.3 * whole.length, rel=1e-2)
-    assert step.reduction == whole.reduction
+    assert step.full_reduction == whole.full_reduction
 
     def lowered(x: np.ndarray) -> float:
         return float(residual @ residual - np.square(residual + rows @ x).sum())
 
     best = step.parameters / SCALES
-    assert step.predicted == pytest.approx(lowered(best))
+    assert step.reduction == pytest.approx(lowered(best))
     for _ in range(20):
         other = best + 0.1 * rng.normal(size=5) * np.abs(best)
         other *= step.length / np.linalg.norm(other * units)
-        assert lowered(other) <= step.predicted * (1.0 + 1e-3)
+        assert lowered(other) <= step.reduction * (1.0 + 1e-3)
 
 
 def test_leverage_and_parameters_that_the_rows_determine(rng):
