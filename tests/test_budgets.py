@@ -23,7 +23,7 @@ TOKENS: dict[str, int] = {
     "_support": 7700,
     "arm": 21950,
     "effects": 28500,
-    "postures": 17500,
+    "postures": 19500,
     "measurements": 22700,
     "accuracy": 10700,
     "calibration": 48750,

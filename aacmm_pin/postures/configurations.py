@@ -43,9 +43,11 @@ WRIST = "frame5"
 """Frame of the working point of the paper."""
 TIP_JOINTS = WRIST_ROW + 1
 """Joints with which postures of given tip and stylus axis are closed curves."""
-STARTS, STARTS_IN_MAP = 1000, 64
-"""Of Newton's method, for all curves at a point; fewer for each wrist of a map. At 239 hard places
-of the tip 600 starts found all curves that 6000 found; at 400 of the wrist 48 found those of 400.
+STARTS = 1000
+"""Of Newton's method, for all curves of a tip. At 239 hard places 600 found all that 6000 found."""
+PER_TURN, PER_TURN_IN_MAP = 24, 3
+"""Held angles of each joint for the curves of a wrist, and for each wrist of a map; with as many
+evenly spread starts for each of four joints the few find all that the many do.
 """
 
 
@@ -147,7 +149,7 @@ def configuration_circle(
     count = whole(count, 3, "count")
     if axis is not None and rest is not None:
         raise AacmmError("rest cannot be combined with axis")
-    components = _curves(arm, place[None], purpose, STARTS, axis, rest)
+    components = _curves(arm, place[None], purpose, PER_TURN, axis, rest)
     curves = components.found
     wrist = components.wrist
     notes = open_curve_notes(curves.curves) + [Note("arm_degenerate")] * curves.degenerate
@@ -229,7 +231,7 @@ def reach_of_points(
     """Reachability of ``points`` (m, 3) [m] by the wrist, or by the tip with the stylus along
     ``axis`` (3,), over equal ``sectors`` of swivel; errors name the ``purpose``.
     """
-    components = _curves(arm, points, purpose, STARTS_IN_MAP, axis)
+    components = _curves(arm, points, purpose, PER_TURN_IN_MAP, axis)
     reachable = np.zeros(len(points), dtype=bool)
     complete = np.full(len(points), not components.found.degenerate)
     for search in components.found.searches:
@@ -243,7 +245,7 @@ def _curves(
     arm: Arm,
     points: Array,
     purpose: str,
-    starts_of_wrist: int,
+    per_turn: int,
     axis: ArrayLike | None,
     rest: ArrayLike | None = None,
 ) -> Components:
@@ -252,7 +254,7 @@ def _curves(
     wrist = None
     if axis is None:
         wrist = Wrist.of_arm(arm, purpose, rest)
-        curves = all_curves(wrist.equations(points), starts_of_wrist)
+        curves = wrist.curves(points, per_turn)
     else:
         equations = Equations.of_axis(dh.chain.links(), points, *directed_stylus(arm, axis))
         curves = all_curves(equations, STARTS)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -125,20 +126,29 @@ class Curves:
         return [curve for search in self.searches for curve in search.curves]
 
 
-def all_curves(equations: Equations, starts: int) -> Curves:
-    """Every curve to which Newton's method leads from so many evenly spread ``starts``, once."""
+Guesses = Callable[[Array], tuple[Array, Index]]
+"""Angles (n, k) [rad] close to solutions for goals (m, …), and the goal of each (n,)."""
+
+
+def all_curves(equations: Equations, starts: int, guesses: Guesses | None = None) -> Curves:
+    """Every curve, once, to which Newton's method leads from ``guesses`` for the goals in reach and
+    from so many evenly spread ``starts`` for each.
+    """
     base, *links = equations.links[:, :3, 3]
     distance = np.linalg.norm(equations.goals - base, axis=1)
     in_reach = np.flatnonzero(distance <= np.linalg.norm(links, axis=1).sum())
     spread = spread_angles(starts, len(links))
+    q = np.tile(spread, (len(in_reach), 1))
     problem = np.repeat(in_reach, starts)
-    seeds, arrived = equations.polish(np.tile(spread, (len(in_reach), 1)), problem)
+    if guesses is not None:
+        guessed, goal = guesses(equations.goals[in_reach])
+        q = np.concatenate([guessed, q])
+        problem = np.concatenate([in_reach[goal], problem])
+    q, arrived = equations.polish(q, problem)
     searches = []
-    numbers, first = np.unique(problem[arrived], return_index=True)
-    seeds_of_problems = np.split(seeds[arrived], first)[1:]
-    for number, of_problem in zip(numbers.tolist(), seeds_of_problems, strict=True):
+    for number in np.unique(problem[arrived]).tolist():
         search = CurveSearch(equations, number)
-        search.add(of_problem)
+        search.add(q[arrived & (problem == number)])
         searches.append(search)
     return Curves(equations, searches, degenerate(equations, spread))
 

@@ -1,21 +1,28 @@
-"""The wrist: a point that joints 1 to 4 move, the others held."""
+"""The wrist: a point that joints 1 to 4 move, the others held.
+
+Near the base axis curves run at almost constant θ3, and on it θ1 is free: the closed form holds
+each of joints 1 to 4 in turn.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
-from aacmm_pin._support.arrays import Array, vector
+from aacmm_pin._support.arrays import Array, Index, vector
 from aacmm_pin._support.display import Note
 from aacmm_pin._support.units import DEG, MM
-from aacmm_pin.arm import OF_A_POSE, Arm, DHTable, into_limits, table
+from aacmm_pin.arm import OF_A_POSE, Arm, DHTable, into_limits, screws, table
 from aacmm_pin.errors import UnsupportedArmError
 from aacmm_pin.postures.continuation import POINT
 from aacmm_pin.postures.pose_equations import Equations
+from aacmm_pin.postures.solution_curves import Curves, all_curves
+from aacmm_pin.postures.three_revolutes import candidates
 
 POSITIONING = 4
 """Joints that place the wrist."""
@@ -98,9 +105,34 @@ class Wrist:
             return []
         return [Note("wrist_joint_held", {"held": self.held})]
 
-    def equations(self, points: Array) -> Equations:
-        """Of the wrist at ``points`` (m, 3) [m]."""
-        return Equations(self.table.chain.links(), points, POINT)
+    def curves(self, points: Array, per_turn: int) -> Curves:
+        """Curves of joints 1 to 4 with the wrist at ``points`` (m, 3) [m]; each joint is held at
+        ``per_turn`` angles.
+        """
+        equations = Equations(self.table.chain.links(), points, POINT)
+        guesses = partial(self.guesses, per_turn=per_turn)
+        return all_curves(equations, POSITIONING * per_turn, guesses)
+
+    def guesses(self, points: Array, per_turn: int) -> tuple[Array, Index]:
+        """Joints 1 to 4 (n, 4) [rad] near those with the wrist at ``points`` (m, 3) [m], and the
+        point of each (n,): each joint is held at ``per_turn`` angles, the other three are in closed
+        form.
+        """
+        links = self.table.chain.links()
+        # Off the symmetric angles 0 and ±π.
+        angles = np.linspace(-np.pi, np.pi, per_turn, endpoint=False) + 0.37
+        rotations = screws(angles, 0.0, 2)
+        point, angle = np.indices((len(points), per_turn)).reshape(2, -1)
+        guesses = []
+        points_of_guesses = []
+        for held in range(POSITIONING):
+            constants = [np.broadcast_to(link, rotations.shape) for link in links[:WRIST_ROW]]
+            constants[held : held + 2] = [constants[held] @ rotations @ links[held + 1]]
+            b0, b1, b2 = (transforms[angle] for transforms in constants[:3])
+            others, pair = candidates(b0, b1, b2, constants[3][angle, :3, 3], points[point])
+            guesses.append(np.insert(others, held, angles[angle[pair]], axis=1))
+            points_of_guesses.append(point[pair])
+        return np.concatenate(guesses), np.concatenate(points_of_guesses)
 
     def full(self, q: Array) -> Array:
         """All joints from the first four: (n, nq) [rad]."""

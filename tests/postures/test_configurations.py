@@ -1,7 +1,8 @@
 """Configuration circles against brute force: nothing missed, nothing twice, every one exact.
 
 The Newton iterations are this file's own: minimum-norm steps from random angles, by positions and
-Jacobians that tests/arm holds to Pinocchio's. They know nothing of continuation or limits.
+Jacobians that tests/arm holds to Pinocchio's. They know nothing of closed forms, continuation
+or limits.
 """
 
 from __future__ import annotations
@@ -21,13 +22,13 @@ from aacmm_pin.arm import Arm, ArmFile, axis, load_arm_file
 from aacmm_pin.arm.limits import into_limits, outside_limits
 from aacmm_pin.errors import AacmmError, ShapeError, UnsupportedArmError
 from aacmm_pin.postures.configurations import (
-    STARTS,
-    STARTS_IN_MAP,
+    PER_TURN,
+    PER_TURN_IN_MAP,
     ConfigurationCircle,
     configuration_circle,
 )
 from aacmm_pin.postures.elbow_swivel import Swivel
-from aacmm_pin.postures.solution_curves import Curve, all_curves
+from aacmm_pin.postures.solution_curves import Curve
 from aacmm_pin.postures.wrist import Wrist, reach_of_wrist
 from tests.again import again
 from tests.arm_files import RIGID, changed, craig, nominal
@@ -226,12 +227,12 @@ def clouds(arm) -> dict[str, Cloud]:
     return result
 
 
-@pytest.mark.parametrize("starts", [STARTS, STARTS_IN_MAP], ids=["one point", "a map"])
-def test_brute_force_finds_nothing_that_the_circles_miss(arm, clouds, starts):
+@pytest.mark.parametrize("per_turn", [PER_TURN, PER_TURN_IN_MAP], ids=["one point", "a map"])
+def test_brute_force_finds_nothing_that_the_circles_miss(arm, clouds, per_turn):
     wrist = Wrist.of(arm.require_dh(""), np.zeros(arm.nq - 4))
     for kind, cloud in clouds.items():
         system = at_wrist(arm, cloud.points)
-        curves = all_curves(wrist.equations(cloud.points), starts).curves
+        curves = wrist.curves(cloud.points, per_turn).curves
         assert {c.problem for c in curves} >= set(cloud.which.tolist()), kind
         assert all(c.closed for c in curves), kind
         if curves:

@@ -28,10 +28,9 @@ from numpy.typing import NDArray
 from aacmm_pin._support.arrays import Array
 from aacmm_pin._support.display import Shown
 from aacmm_pin._support.units import DEG, MM
-from aacmm_pin.postures.configurations import STARTS_IN_MAP
+from aacmm_pin.postures.configurations import PER_TURN_IN_MAP
 from aacmm_pin.postures.curve_sampling import Components, Sectors
 from aacmm_pin.postures.elbow_swivel import Swivel
-from aacmm_pin.postures.solution_curves import all_curves
 from aacmm_pin.postures.wrist import Wrist
 from papers.sino6.equations import ConfigurationsAtTheta2, PlanarConfigurations, tube_end_to_point
 from papers.sino6.tables import NominalArm, printed_table2, sino6_nominal
@@ -151,6 +150,6 @@ def exact_sectors(arm: NominalArm, points: Array) -> NDArray[np.int64]:
     and θ1 and θ3 are free. The postures are those of :mod:`aacmm_pin.postures`.
     """
     wrist, swivel = Wrist.of(arm.dh), Swivel(arm.dh, np.array([0.0, 0.0, -1.0]))
-    curves = all_curves(wrist.equations(points), STARTS_IN_MAP)
+    curves = wrist.curves(points, PER_TURN_IN_MAP)
     components = Components(swivel, points, curves, wrist)
     return np.asarray(Sectors.of(components, LIMITS, SECTORS).working.sum(axis=1))
