@@ -18,7 +18,7 @@ import numpy as np
 from aacmm_pin._support.arrays import Array
 from aacmm_pin._support.display import Note, Shown
 from aacmm_pin._support.plausible import LATEST, MOST_ROWS
-from aacmm_pin._support.units import MM, prefixed
+from aacmm_pin._support.units import MM, count, prefixed
 from aacmm_pin.arm import Arm, Parameter, end
 from aacmm_pin.arm import axis as axis
 from aacmm_pin.effects.conditions import Conditions, Records
@@ -269,12 +269,12 @@ class Effect(Shown, ABC):
                 f"{self.cause}: {location} is {reprlib.repr(self.place)}; expected the number of "
                 f"a row, from 1 to at most {MOST_ROWS}"
             )
-        count = len(self.terms)
+        size = len(self.terms)
         for name, least in (("values", -math.inf), ("u", 0.0)):
-            numbers = tuple(map(float, getattr(self, name))) or (0.0,) * count
+            numbers = tuple(map(float, getattr(self, name))) or (0.0,) * size
             is_valid = [math.isfinite(number) and number >= least for number in numbers]
-            if len(numbers) != count or not all(is_valid):
-                expected = f"{count} finite numbers" + ", 0 or more" * (name == "u")
+            if len(numbers) != size or not all(is_valid):
+                expected = count(size, "finite number") + ", 0 or more" * (name == "u")
                 raise AacmmError(f"{self.label}: {name} is {numbers}; expected {expected}")
             object.__setattr__(self, name, numbers)
         field = self.nonlinear.field

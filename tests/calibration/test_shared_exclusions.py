@@ -7,6 +7,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import pytest
 from scipy.spatial.transform import Rotation
 
@@ -132,7 +133,7 @@ def test_what_excluded_records_share(sino6, what):
     temperature = 20.0 + 2.0 * rng.standard_normal(120)
     operator = np.where(rng.random(120) < 0.1, "Bo", "Al").astype(object)
     conditions = replace(data.conditions, temperature=temperature)
-    data = replace(data, conditions=conditions, extra={"operator": operator})
+    data = replace(data, conditions=conditions, extra=pd.DataFrame({"operator": operator}))
     q = data.q[:, 2]
     excluded, name = {
         "both ends of a joint": (np.abs(q - np.median(q)).argsort().argsort() >= 108, "joint 3"),

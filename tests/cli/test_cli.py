@@ -223,9 +223,9 @@ def test_demo_is_asked_for_with_its_options(tmp_path, monkeypatch):
     """What it writes: tests/report/test_demo.py."""
     asked = []
     monkeypatch.setattr(
-        "aacmm_pin.report.demo_page.run_demo", lambda **given: asked.append(given) or 7
+        "aacmm_pin.report.demo_page.run_demo", lambda **given: asked.append(given) or "done"
     )
-    assert done(f"demo -o {tmp_path} --cells 6 8 --force")[0] == "7\n"
+    assert done(f"demo -o {tmp_path} --cells 6 8 --force")[0] == "done\n"
     assert asked == [{"folder": tmp_path, "cells": (6, 8), "force": True}]
 
 

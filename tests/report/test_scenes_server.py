@@ -83,7 +83,7 @@ def test_the_command_serves_until_it_is_interrupted():
     ) as process:
         url = process.stdout.readline().strip()
         with urlopen(Request(url), timeout=20) as answer:
-            assert "SINO6: wrist at 33.6, -671.9, 182.9 mm" in answer.read().decode()
+            assert "SINO6: wrist at 33.6, -671.9, 182.9\u00a0mm" in answer.read().decode()
         port = int(re.fullmatch(r"http://127\.0\.0\.1:(\d+)/", url)[1])
         if Path("/proc/net/tcp").is_file():
             assert listening(process.pid) == {f"0100007F:{port:04X}"}
@@ -105,7 +105,7 @@ def target(tmp_path) -> Path:
 def test_a_page_without_a_server(target):
     words = ["sino6", *POINT, "--samples", "12"]
     assert run(*words, "-o", target)[:2] == (0, "")
-    assert "covers 95 %" in target.read_text(encoding="utf-8")
+    assert "covers 95\u00a0%" in target.read_text(encoding="utf-8")
     status, _, said = run(*words, "-o", target)
     assert (status, "exists already" in said) == (1, True)
     assert run(*words, "--tip", "--axis", "0", "0", "-1", "--force", "-o", target)[0] == 0
