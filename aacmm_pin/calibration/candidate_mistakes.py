@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from aacmm_pin._support.arrays import Array, Index
+from aacmm_pin._support.arrays import Array, Index, wrapped
 from aacmm_pin._support.display import Note
 from aacmm_pin._support.units import DEG, MM
 from aacmm_pin.arm import Arm, ArmFile
@@ -315,8 +315,8 @@ def _other_tables(stated: Array, is_small: bool) -> Iterator[tuple[str, _Values,
         unit, factor = ("°", 1.0) if name == "alpha" else ("mm", MM)
         others = value * np.array(SLIPS_OF_LENGTHS)
         if name == "alpha":
-            turned = value + DEG * np.array(QUARTERS[1:])
-            others = np.append(-value, np.remainder(turned + np.pi, 2 * np.pi) - np.pi)
+            turned = wrapped(value + DEG * np.array(QUARTERS[1:]))
+            others = np.append(-value, turned[np.abs(turned + value) > LEAST_CHANGE])
         for other in others[factor * np.abs(others - value) > LEAST_CHANGE].tolist():
             table = stated.copy()
             table[k, column] = other

@@ -249,6 +249,7 @@ def exchanged(rows: Rows, row: int, other: int) -> Rows:
     ("drawn", "given", "words"),
     [
         (AACMM, with_value(AACMM, 3, 2, 0.0), "alpha3 is 0° in the arm file"),
+        (AACMM, with_value(AACMM, 3, 2, -90.0), "alpha3 is -90° in the arm file"),
         (HOBBY, exchanged(HOBBY, 1, 2), "values a of rows 2 and 3"),
         (AACMM, exchanged(AACMM, 2, 2), "values a and d of row 3"),
     ],
@@ -257,7 +258,7 @@ def test_twists_and_exchanged_lengths(drawn, given, words):
     records = Plant.of(drawn, 6).records
     with pytest.raises(MistakenFileError) as caught:
         calibrate(arm_of(given, drawn is AACMM), records, hold_out=False)
-    assert words in caught.value.mistake
+    assert str(caught.value).count(words) == 1
 
 
 def test_a_ratio_beside_zeros_that_are_all_off():
