@@ -24,6 +24,8 @@ ARC_BINS = 3600
 """Resolution of the arc fraction: 0.1° of swivel."""
 SAME_SWIVEL = 1e-10
 """Tolerance of a wanted angle [rad]."""
+MOST_TRIALS, NO_LENGTH = 100, 1e-15
+"""Trials, and length of a bracket, at which it is met as well as can be [rad]."""
 CURVED = 0.02
 """Largest distance of a curve from a chord [rad]."""
 OUTWARDS = np.array([-1.0, 1.0])
@@ -217,27 +219,44 @@ def _centres_passed(pieces: _Segments, sectors: int) -> tuple[Index, Index]:
 def _solutions_at_swivel(
     components: Components, pieces: _Segments, piece: Index, wanted: Array
 ) -> tuple[Array, Mask]:
-    """Postures (n, k) on each ``piece`` (n,) with swivel ``wanted`` (n,); and which were found."""
-    from scipy.optimize.elementwise import find_root
+    """Postures (n, k) on each ``piece`` (n,) with swivel ``wanted`` (n,); and which were found.
 
-    start = pieces.start[piece]
-    chord = pieces.end[piece] - start
+    False position, every trial moved onto the curve; an end that stays counts less and less: N.
+    Anderson, Å. Björck, "A new high order method of regula falsi type", BIT 13 (1973).
+    """
     problem = pieces.problem[piece]
-
-    def posture(fraction: Array, row: Index) -> tuple[Array, Mask]:
-        guess = start[row] + fraction[:, None] * chord[row]
-        return components.found.equations.polish(guess, problem[row])
-
-    def gap(fraction: Array, row: Index) -> Array:
-        q, _ = posture(fraction, row)
-        return wrapped(components.angle(q, problem[row]) - wanted[row])
-
-    rows = np.arange(len(piece))
-    ends = np.zeros(len(piece)), np.ones(len(piece))
-    tolerances = {"fatol": SAME_SWIVEL}
-    root = find_root(gap, ends, args=(rows,), tolerances=tolerances)
-    q, arrived = posture(root.x, rows)
-    return q, arrived & root.success
+    open_rows = np.arange(len(piece))
+    start = pieces.start[piece]
+    end = pieces.end[piece]
+    gap_start = wrapped(wanted - pieces.swivel[piece])
+    gap_end = gap_start - pieces.swivel_change[piece]
+    q = start.copy()
+    last_replaced = np.zeros(len(piece))  # 1: the start, -1: the end
+    arrived = np.ones(len(piece), dtype=bool)
+    for _ in range(MOST_TRIALS):
+        fraction = (gap_start / (gap_start - gap_end))[open_rows, None]
+        guess = start[open_rows] + fraction * (end - start)[open_rows]
+        q[open_rows], arrived[open_rows] = components.found.equations.polish(
+            guess, problem[open_rows]
+        )
+        swivel = components.angle(q[open_rows], problem[open_rows])
+        gap = wrapped(wanted[open_rows] - swivel)
+        is_before = np.sign(gap) == np.sign(gap_start[open_rows])
+        with np.errstate(divide="ignore", invalid="ignore"):  # an end that is met
+            weight = 1.0 - gap / np.where(is_before, gap_start[open_rows], gap_end[open_rows])
+        weight = np.where(weight > 0, weight, 0.5)
+        before = open_rows[is_before]
+        beyond = open_rows[~is_before]
+        gap_end[before] *= np.where(last_replaced[before] > 0, weight[is_before], 1.0)
+        gap_start[beyond] *= np.where(last_replaced[beyond] < 0, weight[~is_before], 1.0)
+        start[before], gap_start[before] = q[before], gap[is_before]
+        end[beyond], gap_end[beyond] = q[beyond], gap[~is_before]
+        last_replaced[before], last_replaced[beyond] = 1.0, -1.0
+        length = np.abs(end - start).max(axis=1)[open_rows]
+        open_rows = open_rows[(np.abs(gap) > SAME_SWIVEL) & (length > NO_LENGTH)]
+        if not open_rows.size:
+            break
+    return q, arrived
 
 
 def sector_centres(sectors: int) -> Array:

@@ -62,10 +62,13 @@ class CurveSearch:
         self._ends = np.zeros(MOST_CURVES, dtype=np.intp)
         self._closed = np.zeros(MOST_CURVES, dtype=np.bool_)
 
-    def add(self, seeds: Array) -> None:
-        """Follow every curve through solutions ``seeds`` (n, k + 1) [rad] once."""
+    def add(self, seeds: Array, regular: Mask | None = None) -> None:
+        """Follow every curve through solutions ``seeds`` (n, k + 1) [rad] once; those that are
+        ``regular`` (n,) may begin one. None: the search finds them.
+        """
         equations = self.equations
-        regular = _regular(equations, seeds, self.problem)
+        if regular is None:
+            regular = _regular(equations, seeds, self.problem)
         number = np.empty(len(seeds), dtype=np.intp)
         goal = np.ascontiguousarray(equations.goals[self.problem])
         follow_curves = continuation.CURVES.compiled
@@ -145,11 +148,12 @@ def all_curves(equations: Equations, starts: int, guesses: Guesses | None = None
         q = np.concatenate([guessed, q])
         problem = np.concatenate([in_reach[goal], problem])
     q, arrived = equations.polish(q, problem)
-    searches = []
-    for number in np.unique(problem[arrived]).tolist():
-        search = CurveSearch(equations, number)
-        search.add(q[arrived & (problem == number)])
-        searches.append(search)
+    order = np.flatnonzero(arrived)[np.argsort(problem[arrived], kind="stable")]
+    regular = _regular(equations, q[order], problem[order])
+    numbers, first = np.unique(problem[order], return_index=True)
+    searches = [CurveSearch(equations, number) for number in numbers.tolist()]
+    for search, rows in zip(searches, np.split(np.arange(len(order)), first)[1:], strict=True):
+        search.add(q[order[rows]], regular[rows])
     return Curves(equations, searches, degenerate(equations, spread))
 
 
@@ -175,7 +179,7 @@ def flattest(equations: Equations, q: Array, problem: Index | int = 0) -> tuple[
     return ratio, vectors
 
 
-def _regular(equations: Equations, q: Array, problem: int) -> Mask:
+def _regular(equations: Equations, q: Array, problem: Index | int) -> Mask:
     """Solutions (n, k + 1) that are not singular: (n,).
 
     ``√det(J Jᵀ) / ‖J‖ᵏ``, a product of ratios of singular values, bounds the smallest; only if it
@@ -188,6 +192,7 @@ def _regular(equations: Equations, q: Array, problem: int) -> Mask:
     bound = np.sqrt(np.maximum(determinant, 0.0))
     regular = np.asarray(bound > CLEARLY * SINGULAR)
     doubtful = np.flatnonzero(~regular)
-    ratio, _ = flattest(equations, q[doubtful], problem)
+    of_doubtful = problem if isinstance(problem, int) else problem[doubtful]
+    ratio, _ = flattest(equations, q[doubtful], of_doubtful)
     regular[doubtful] = ratio > SINGULAR
     return regular

@@ -20,9 +20,8 @@ HEAVY = (
     "scipy.spatial",
 )
 
-OF_CURVES = ("numba", "scipy.optimize", "scipy.spatial")
-"""For curves of postures: compiled loops, and roots of the swivel angle."""
-HEAVY_BUT_CURVES = tuple(name for name in HEAVY if name not in OF_CURVES)
+HEAVY_BUT_LOOPS = tuple(name for name in HEAVY if name != "numba")
+"""Of commands that follow curves of postures, in compiled loops."""
 
 
 def loaded(code: str) -> set[str]:
@@ -47,8 +46,8 @@ def command(words: str) -> str:
         ("import aacmm_pin.diagnosis.diagnose", 123, HEAVY),
         (command("--help"), 12, ("numpy", "rich", "pandas", *HEAVY)),
         ("import aacmm_pin.accuracy.volume", 35, ("pandas", "scipy.special", "tqdm", *HEAVY)),
-        (command(f"accuracy sino6 {POINT}"), 73, HEAVY_BUT_CURVES),
-        (command(f"configurations sino6 {POINT}"), 58, ("pandas", "rich", *HEAVY_BUT_CURVES)),
+        (command(f"accuracy sino6 {POINT}"), 73, HEAVY_BUT_LOOPS),
+        (command(f"configurations sino6 {POINT}"), 58, ("pandas", "rich", *HEAVY_BUT_LOOPS)),
     ],
 )
 def test_what_is_loaded(code, most, without):
