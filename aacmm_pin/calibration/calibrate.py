@@ -297,7 +297,7 @@ def notes_of_records(after: Fit) -> Iterator[Note]:
             yield Note("reference_noise_odd", {"u": u, "residual": residual})
     arm = after.problem.model.arm
     yield from whole_turn_notes(records.q, arm.limits, arm.chain.prismatic)
-    yield from records.conditions.temperature_notes(arm.reference_temperature, True)
+    yield from records.conditions.temperature_notes(arm.reference_temperature, are_used=True)
     for j in np.flatnonzero(arm.chain.prismatic) + 1:
         joint = {"joint": int(j)}
         yield Note("slide_units", joint)

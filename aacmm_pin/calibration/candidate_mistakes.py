@@ -262,7 +262,8 @@ def _wrong_couplings(arm: Arm) -> Iterator[Mistake]:
     for j, k in np.argwhere(is_near | (stated != 0.0)).tolist():
         ratio = float(stated[j, k])
         if j == k:
-            others = {other * ratio: "joint_ratio" for other in (ratio**-2, *GEAR_RATIOS)}
+            ratios = [1.0 / ratio, *(factor * ratio for factor in GEAR_RATIOS)]
+            others = dict.fromkeys(ratios, "joint_ratio")
         elif ratio:
             others = {-ratio: "coupling_ratio", 0.0: "coupling_ratio"}
         else:

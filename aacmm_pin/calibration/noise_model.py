@@ -313,8 +313,8 @@ def _stated_seats(measurements: Measurements, u: Array) -> tuple[Index, list[str
             least_u = np.nan_to_num(np.fmin.reduce(u[stating], axis=None))
             repeated = _repeated_coordinates(stated)
             if repeated is not None:
-                off = np.abs(stated - repeated).max(axis=1)
-                stating = stating[off <= max(SAME_COORDINATES, ROUNDED * least_u)]
+                deviation = np.abs(stated - repeated).max(axis=1)
+                stating = stating[deviation <= max(SAME_COORDINATES, ROUNDED * least_u)]
                 at_seat = np.concatenate([at_seat[~is_placed], stating])
             elif extent > MEASURED * least_u:
                 continue  # the records state coordinates of their own
@@ -391,7 +391,7 @@ def _relations(
     for relation in measurements.relations:
         stated += [(relation.a, relation.b, value, False) for value in relation.rows()]
     number = {label: k for k, label in enumerate(labels)}
-    relations = [one for one in stated if one[0] in number and one[1] in number]
+    relations = [item for item in stated if {*item[:2]} <= number.keys()]
     pairs = [(number[a], number[b]) for a, b, _, _ in relations]
     ends = np.array(pairs, dtype=np.intp).reshape(-1, 2)
     values = [value for _, _, value, _ in relations]

@@ -144,11 +144,11 @@ def another_frame(fit: Fit) -> Iterator[Note]:
     if of_most >= RESIDUAL_RATIO * others or remaining_part > REMAINING_PART:
         return
     belongs = in_own_frame < np.fmin(distances, RESIDUAL_RATIO * of_most)
-    known = np.flatnonzero(records.known)
-    in_runs = scipy.ndimage.median_filter(belongs[known], RUN)
-    if np.count_nonzero(in_runs != belongs[known]) > ROWS_OUT_OF_RUNS * belongs.sum():
-        in_runs = belongs[known]
-    rows = records.row[known[in_runs]]
+    belongs_of_known = belongs[records.known]
+    in_runs = scipy.ndimage.median_filter(belongs_of_known, RUN)
+    if np.count_nonzero(in_runs != belongs_of_known) > ROWS_OUT_OF_RUNS * belongs.sum():
+        in_runs = belongs_of_known
+    rows = records.row[records.known][in_runs]
     rotation = frame_of_excluded.rotation @ fitted.rotation.T
     centre = references.mean(axis=0)
     moved_centre = frame_of_excluded.apply(fitted.back(centre))

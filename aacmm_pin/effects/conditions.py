@@ -244,7 +244,7 @@ class Conditions(Shown):
         """The names of the known conditions."""
         return tuple(name for name in CONDITION_ENTRIES if getattr(self, name) is not None)
 
-    def temperature_notes(self, reference: float, are_used: bool) -> list[Note]:
+    def temperature_notes(self, reference: float, *, are_used: bool) -> list[Note]:
         """A note on temperatures that are implausible in a workshop, if a model uses them; else on
         temperatures that differ from the ``reference`` temperature of the lengths [°C].
         """

@@ -274,7 +274,7 @@ class ErrorModel(Shown):
         if any(isinstance(effect.nonlinear, TimeConstant) for effect in self.effects):
             notes += conditions.odd_clock
         are_used = any("temperature" in effect.needs for effect in self.effects)
-        notes += conditions.temperature_notes(self.arm.reference_temperature, are_used)
+        notes += conditions.temperature_notes(self.arm.reference_temperature, are_used=are_used)
         unknown = self.other_targets(conditions)
         if unknown:
             notes.append(Note("markers_unknown", {"arm": self.arm.name, "markers": unknown}))

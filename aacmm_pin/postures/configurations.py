@@ -150,7 +150,7 @@ def configuration_circle(
     if axis is not None and rest is not None:
         raise AacmmError("rest cannot be combined with axis")
     components = _curves(arm, place[None], purpose, PER_TURN, axis, rest)
-    curves = components.found
+    curves = components.curves_of_points
     wrist = components.wrist
     notes = open_curve_notes(curves.curves) + [Note("arm_degenerate")] * curves.degenerate
     notes += wrist.notes if wrist is not None and rest is None else []
@@ -233,8 +233,8 @@ def reach_of_points(
     """
     components = _curves(arm, points, purpose, PER_TURN_IN_MAP, axis)
     reachable = np.zeros(len(points), dtype=bool)
-    complete = np.full(len(points), not components.found.degenerate)
-    for search in components.found.searches:
+    complete = np.full(len(points), not components.curves_of_points.degenerate)
+    for search in components.curves_of_points.searches:
         reachable[search.problem] = True
         complete[search.problem] &= search.complete
     sector_states = Sectors.of(components, arm.limits, sectors)

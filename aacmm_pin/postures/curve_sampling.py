@@ -58,19 +58,19 @@ class Components:
 
     Attributes:
         points: working points (m, 3) [m].
-        found: curves, each with the number of its point.
+        curves_of_points: curves, each with the number of its point.
         wrist: completes postures from joints 1 to 4; None if the curves have all joints.
     """
 
     swivel: Swivel
     points: Array
-    found: Curves
+    curves_of_points: Curves
     wrist: Wrist | None
 
     @property
     def curves(self) -> list[Curve]:
         """The curves."""
-        return self.found.curves
+        return self.curves_of_points.curves
 
     def full(self, q: Array) -> Array:
         """All joints (n, nq) from the joints of the curves."""
@@ -121,7 +121,7 @@ class Components:
         guess = np.linspace(pieces.start[which], pieces.end[which], cuts, axis=1)
         joints = guess.shape[2]
         problem = np.repeat(pieces.problem[which], cuts)
-        q, arrived = self.found.equations.polish(guess.reshape(-1, joints), problem)
+        q, arrived = self.curves_of_points.equations.polish(guess.reshape(-1, joints), problem)
         swivel = self.angle(q, problem).reshape(-1, cuts)
         q = q.reshape(-1, cuts, joints)
         swivel_change = wrapped(np.diff(swivel, axis=1)).ravel()
@@ -236,7 +236,7 @@ def _solutions_at_swivel(
     for _ in range(MOST_TRIALS):
         fraction = (gap_start / (gap_start - gap_end))[open_rows, None]
         guess = start[open_rows] + fraction * (end - start)[open_rows]
-        q[open_rows], arrived[open_rows] = components.found.equations.polish(
+        q[open_rows], arrived[open_rows] = components.curves_of_points.equations.polish(
             guess, problem[open_rows]
         )
         swivel = components.angle(q[open_rows], problem[open_rows])

@@ -192,7 +192,6 @@ def _regular(equations: Equations, q: Array, problem: Index | int) -> Mask:
     bound = np.sqrt(np.maximum(determinant, 0.0))
     regular = np.asarray(bound > CLEARLY * SINGULAR)
     doubtful = np.flatnonzero(~regular)
-    of_doubtful = problem if isinstance(problem, int) else problem[doubtful]
-    ratio, _ = flattest(equations, q[doubtful], of_doubtful)
+    ratio, _ = flattest(equations, q[doubtful], np.broadcast_to(problem, len(q))[doubtful])
     regular[doubtful] = ratio > SINGULAR
     return regular

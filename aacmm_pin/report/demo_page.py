@@ -130,7 +130,7 @@ def run_demo(
         result = diagnose(arm, data, encoder_noise=READING_NOISE, rng=rng, progress=progress)
         of_point = accuracy_summary(circle, accuracy, sectors)
         diagnosis = result.summary() | {"source": "measured.csv", "seed": SEED}
-        found = diagnosis_document(result)
+        diagnosis_page = diagnosis_document(result)
         urdf = f"{arm.name.lower()}.urdf"
         files = FILES | {urdf: "the arm for Pinocchio, lengths in metres"}
         index = Document(
@@ -143,7 +143,7 @@ def run_demo(
                 "of the virtual arm differs from the arm file within the half-widths. The arm "
                 f"probes {SEATS} seats of known coordinates in {RECORDS} records. The diagnosis "
                 "uses only the records and the arm file.",
-                *(block for block in found.blocks if not isinstance(block, SceneView)),
+                *(block for block in diagnosis_page.blocks if not isinstance(block, SceneView)),
                 Heading("Assumptions"),
                 Bullets(ASSUMED),
                 Heading("Files"),
